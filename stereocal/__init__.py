@@ -1,0 +1,60 @@
+"""stereocal: stereo camera calibration and disparity maps, every algorithm written from scratch.
+
+The folders in alphabetical order are the pipeline and the import order::
+
+    base → board → camera → pair → reconstruction → report → store → sweep → synthetic → verify → workflow → cli
+
+Names import their module when first used, so ``import stereocal as sc`` costs nothing.
+"""
+
+from stereocal.base.lazy import attach
+
+__version__ = "0.1.0"
+
+NAMES_OF_MODULE = {
+    "stereocal.base.errors": (
+        "ConvergenceError",
+        "DataFileError",
+        "DegenerateGeometryError",
+        "InputError",
+        "StereocalError",
+    ),
+    "stereocal.base.rotations": ("rotation_matrix", "rotation_vector"),
+    "stereocal.board.chessboard": ("Chessboard",),
+    "stereocal.board.detection": ("Detection", "detect_chessboard", "detect_chessboard_detailed"),
+    "stereocal.board.harris": ("harris_corners", "harris_response"),
+    "stereocal.board.subpixel": ("refine_corners",),
+    "stereocal.camera.calibration": ("CameraCalibration", "calibrate_camera"),
+    "stereocal.camera.distortion": ("distort_points", "undistort_points"),
+    "stereocal.camera.homography": ("fit_homography",),
+    "stereocal.camera.model": ("Camera",),
+    "stereocal.camera.projection": ("project_points",),
+    "stereocal.camera.resampling": ("remap",),
+    "stereocal.camera.undistortion": ("undistort_image",),
+    "stereocal.camera.zhang": ("zhang_intrinsics", "zhang_pose"),
+    "stereocal.pair.epipolar": ("epipolar_lines", "sampson_distance"),
+    "stereocal.pair.essential": ("decompose_essential", "fit_essential", "recover_pose"),
+    "stereocal.pair.fundamental": ("fit_fundamental",),
+    "stereocal.pair.rectification": ("Rectification", "rectify"),
+    "stereocal.pair.rig": ("StereoRig",),
+    "stereocal.pair.stereo_calibration": ("StereoCalibration", "calibrate_stereo"),
+    "stereocal.pair.uncalibrated": ("rectify_uncalibrated",),
+    "stereocal.reconstruction.block_matching": ("match_bm",),
+    "stereocal.reconstruction.census": ("match_census",),
+    "stereocal.reconstruction.depth": ("disparity_to_depth", "disparity_to_points"),
+    "stereocal.reconstruction.sad": ("match_sad",),
+    "stereocal.reconstruction.semiglobal": ("match_sgm",),
+    "stereocal.reconstruction.speckles": ("filter_speckles",),
+    "stereocal.reconstruction.triangulation": ("triangulate_points",),
+    "stereocal.report.quality": ("QualityReport", "evaluate_calibration"),
+    "stereocal.store.calibrations": ("load_calibration", "save_calibration"),
+    "stereocal.store.clouds": ("write_ply",),
+    "stereocal.store.datasets": ("load_dataset",),
+    "stereocal.store.images": ("read_image",),
+    "stereocal.sweep.disparity_sweep": ("sweep_disparity",),
+    "stereocal.synthetic.rig": ("SyntheticRig", "render_rig"),
+    "stereocal.verify.crosscheck": ("crosscheck",),
+}
+
+__getattr__, __dir__, _public = attach(__name__, NAMES_OF_MODULE)
+__all__ = ["__version__", *_public]  # noqa: PLE0604
