@@ -41,7 +41,7 @@ NAMES_OF_MODULE = {
     "stereocal.pair.uncalibrated": ("rectify_uncalibrated",),
     "stereocal.reconstruction.block_matching": ("match_bm",),
     "stereocal.reconstruction.census": ("match_census",),
-    "stereocal.reconstruction.depth": ("disparity_to_depth", "disparity_to_points"),
+    "stereocal.reconstruction.depth": ("disparity_to_depth", "disparity_to_points", "reprojection_matrix", "sigma_z"),
     "stereocal.reconstruction.sad": ("match_sad",),
     "stereocal.reconstruction.semiglobal": ("match_sgm",),
     "stereocal.reconstruction.speckles": ("filter_speckles",),
