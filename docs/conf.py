@@ -1,0 +1,48 @@
+"""Sphinx configuration: pages in Markdown, notebooks executed as they are built, API and concordance generated."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+
+import generate  # noqa: E402  (docs/generate.py)
+
+from stereocal import __version__  # noqa: E402
+
+project = "stereocal"
+author = "The stereocal developers"
+copyright = "2026, The stereocal developers"
+version = release = __version__
+
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "sphinx.ext.viewcode", "numpydoc"]
+source_suffix = {".md": "myst-nb", ".ipynb": "myst-nb"}
+exclude_patterns = ["_build"]
+nitpicky = False
+suppress_warnings: list[str] = []
+
+myst_enable_extensions = ["dollarmath", "colon_fence", "deflist", "attrs_inline"]
+myst_heading_anchors = 3
+
+# The notebooks are committed without output and run when the book is built: what it shows is what the code does now.
+nb_execution_mode = os.environ.get("STEREOCAL_DOCS_NOTEBOOKS", "cache")
+nb_execution_timeout = 120
+nb_execution_raise_on_error = True
+nb_execution_show_tb = True
+nb_merge_streams = True
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"  # numpydoc's Parameters say shape, unit and frame as well
+numpydoc_show_class_members = False
+numpydoc_class_members_toctree = False
+
+html_theme = "furo"
+html_title = "stereocal"
+html_static_path = ["_static"]
+html_css_files = ["book.css"]
+html_theme_options = {"navigation_with_keys": True, "top_of_page_buttons": []}
+
+generate.write_all(HERE)
