@@ -43,7 +43,7 @@ from stereocal.base.gray import to_gray
 MAX_PIXELS = 178_956_970
 """The largest picture that is unpacked: half a gigabyte of RGB, Pillow's own limit."""
 
-FORMATS_READ = ("PNG", "JPEG", "MPO", "TIFF", "BMP", "PPM", "WEBP", "GIF", "JPEG2000")
+FORMATS_READ = ("PNG", "JPEG", "TIFF", "BMP", "PPM", "WEBP", "GIF", "JPEG2000")
 """Pillow's names of the formats that are decoded."""
 
 IMAGE_SUFFIXES = frozenset(
