@@ -112,8 +112,8 @@ def _concordance(root: Path, notebooks: list[Path]) -> str:
     lines = [
         "# The paper's equations",
         "",
-        "What the paper prints, what it must read, and where it is coded. The paper numbers three equations (2), so the",
-        "project uses its own ids. Every erratum is shown by a test: the printed form fails, the corrected one holds.",
+        "What the paper prints, what it must read, and where it is coded. The paper numbers three equations (2), so",
+        "the project uses its own ids. A test shows every erratum: the printed form fails, the corrected one holds.",
         "",
     ]
     for equation in EQUATIONS:

@@ -149,9 +149,13 @@ def require_positive(value: float, name: str) -> float:
 
 def require_integer(value: Any, name: str, *, minimum: int, maximum: int | None = None, odd: bool = False) -> int:
     """Return `value` as an int within [minimum, maximum], odd if asked for."""
-    if isinstance(value, bool) or not float(value).is_integer():
+    try:
+        number = int(value)
+        whole = number == float(value) and not isinstance(value, bool)
+    except (TypeError, ValueError, OverflowError):
+        whole = False
+    if not whole:
         raise InputError(f"{name} must be a whole number, not {value!r}")
-    number = int(value)
     if number < minimum or (maximum is not None and number > maximum):
         limit = f"at least {minimum}" if maximum is None else f"from {minimum} to {maximum}"
         raise InputError(f"{name} must be {limit}, but is {number}")

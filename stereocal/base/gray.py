@@ -1,7 +1,7 @@
 """Any image to one grey channel.
 
-Luma is ITU-R BT.601's Y = 0.299 R + 0.587 G + 0.114 B. On uint8 it is computed in 14-bit fixed point with rounding,
-(4899 R + 9617 G + 1868 B + 8192) >> 14, which is what ``cv2.cvtColor(…, COLOR_RGB2GRAY)`` does, so that both
+Luma is ITU-R BT.601's Y = 0.299 R + 0.587 G + 0.114 B. On unsigned integers it is computed in 15-bit fixed point with
+rounding, (9798 R + 19235 G + 3735 B + 2¹⁴) >> 15, which is what ``cv2.cvtColor(…, COLOR_RGB2GRAY)`` does, so that both
 libraries see the same grey values. Channels are in the order R, G, B (Pillow's, not OpenCV's B, G, R).
 """
 
@@ -43,7 +43,7 @@ def to_gray(image: ArrayLike, name: str = "image") -> NDArray[Any]:
         return array
     if array.dtype.kind == "u":
         wide = array.astype(np.uint32)
-        luma = (4899 * wide[..., 0] + 9617 * wide[..., 1] + 1868 * wide[..., 2] + 8192) >> 14
+        luma = (9798 * wide[..., 0] + 19235 * wide[..., 1] + 3735 * wide[..., 2] + (1 << 14)) >> 15
     else:
         luma = 0.299 * array[..., 0] + 0.587 * array[..., 1] + 0.114 * array[..., 2]
     return np.ascontiguousarray(luma.astype(array.dtype))
