@@ -145,8 +145,8 @@ EQUATIONS: tuple[Equation, ...] = (
         "epipolar constraint",
         "pᵀ F p′ = 0",
         "x_rightᵀ F x_left = 0",
-        "Transposed against the usual order (Hartley and Zisserman, OpenCV), in which F takes a point of the left image "
-        "to its line in the right one.",
+        "Transposed against the usual order (Hartley and Zisserman, OpenCV), in which F takes a point of the left "
+        "image to its line in the right one.",
         ("stereocal.pair.fundamental.fit_fundamental",),
     ),
     Equation(

@@ -42,7 +42,7 @@ class DataFileError(StereocalError, ValueError):
 
 
 class DegenerateGeometryError(StereocalError, ValueError):
-    """The data is well formed, but the geometry does not determine the answer (all views parallel, collinear points)."""
+    """The data is well formed, but does not determine the answer: all views parallel, collinear points."""
 
 
 class ConvergenceError(StereocalError, RuntimeError):

@@ -41,6 +41,7 @@ def to_gray(image: ArrayLike, name: str = "image") -> NDArray[Any]:
     array = as_image(image, name, channels=(1, 3, 4))
     if array.ndim == 2:
         return array
+    luma: NDArray[Any]
     if array.dtype.kind == "u":
         wide = array.astype(np.uint32)
         luma = (9798 * wide[..., 0] + 19235 * wide[..., 1] + 3735 * wide[..., 2] + (1 << 14)) >> 15
