@@ -14,6 +14,8 @@ import re
 import shutil
 from pathlib import Path
 
+import layers
+
 import stereocal
 from stereocal.base.equations import EQUATIONS
 
@@ -40,6 +42,7 @@ def write_all(docs: Path) -> None:
     for room, title in ROOMS.items():
         (target / "api" / f"{room}.md").write_text(_api_page(room, title))
     (target / "api" / "index.md").write_text(_api_index())
+    layers.draw_layers(docs.parent / "pyproject.toml", target / "layers.svg")
     notebooks = sorted((docs.parent / "notebooks").glob("[0-9]*.ipynb"))
     for notebook in notebooks:
         shutil.copy(notebook, target / "notebooks")
