@@ -1,0 +1,315 @@
+"""Pictures with photographs in them: corners, detection stages, the rectified pair, disparity, the point of view.
+
+Each function takes plain arrays and returns a new :class:`matplotlib.figure.Figure`. Images are (H, W) or (H, W, 3) of
+any dtype the library reads; pixel (0, 0) is the centre of the first pixel, which is also where matplotlib's ``imshow``
+puts it, so that points need no shift.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
+
+from stereocal.base.checks import Float, as_image, as_points
+from stereocal.report.style import (
+    AMBER,
+    INK,
+    MUTED,
+    NO_VALUE,
+    PANEL,
+    RIGHT,
+    SEQUENTIAL,
+    SMALL,
+    add_colorbar,
+    dress_image,
+    image_panel_height,
+    new_figure,
+)
+
+
+def to_display(image: ArrayLike, *, longest: int | None = None) -> NDArray[np.uint8]:
+    """Return an image as uint8 for showing: 16-bit and float images are stretched from their 0.5 to 99.5 percentile.
+
+    Parameters
+    ----------
+    image : array_like of shape (H, W) or (H, W, 3)
+    longest : int, optional
+        Take every n-th pixel so that the longer side is at most this. The step is whole, so that points scale by
+        1/n exactly.
+
+    Returns
+    -------
+    ndarray of uint8
+    """
+    array = as_image(image)
+    if longest is not None:
+        step = -(-max(array.shape[:2]) // longest)
+        array = array[::step, ::step]
+    if array.dtype == np.uint8:
+        return np.ascontiguousarray(array)
+    low, high = np.percentile(array, (0.5, 99.5))
+    scaled = (array.astype(np.float64) - low) / max(high - low, 1e-12)
+    return np.asarray(np.clip(scaled * 255, 0, 255), dtype=np.uint8)
+
+
+def show_image(axes: Axes, image: ArrayLike, *, dimmed: float = 0.0, longest: int = 1280) -> tuple[int, int]:
+    """Show an image on axes in its own pixel coordinates, and return its (width, height).
+
+    Parameters
+    ----------
+    axes : Axes
+    image : array_like of shape (H, W) or (H, W, 3)
+    dimmed : float in [0, 1]
+        How far to fade towards white, so that what is drawn on top stands out.
+    longest : int
+        Larger images are thinned for showing; the axes keep the pixel coordinates of the original.
+    """
+    height, width = np.asarray(image).shape[:2]
+    shown = to_display(image, longest=longest)
+    axes.imshow(
+        shown,
+        cmap="gray",
+        vmin=0,
+        vmax=255,
+        alpha=1 - dimmed,
+        extent=(-0.5, width - 0.5, height - 0.5, -0.5),
+        interpolation="antialiased",
+    )
+    return width, height
+
+
+def add_corners(axes: Axes, corners: Float, columns: int, *, size: float = 14.0) -> None:
+    """Draw a board's corners in their order: a line through each row, coloured by row, the first corner ringed."""
+    rows = max(1, len(corners) // columns)
+    colours = _row_colours(rows)
+    row_of = np.minimum(np.arange(len(corners)) // columns, rows - 1)
+    path = np.stack([corners[:-1], corners[1:]], axis=1)
+    axes.add_collection(LineCollection(list(path), colors=colours[row_of[1:]], linewidths=1.0, alpha=0.9))
+    axes.scatter(
+        corners[:, 0], corners[:, 1], s=size, facecolors="none", edgecolors=list(colours[row_of]), linewidths=1.1
+    )
+    first_x, first_y = corners[0]
+    axes.scatter([first_x], [first_y], s=6 * size, facecolors="none", edgecolors=AMBER, linewidths=1.8)
+
+
+def _row_colours(rows: int) -> Float:
+    import matplotlib
+
+    return np.asarray(matplotlib.colormaps["plasma"](np.linspace(0.05, 0.85, rows)))
+
+
+def draw_corners(image: ArrayLike, corners: ArrayLike | None, columns: int, *, title: str = "") -> Figure:
+    """Draw the corners found on a photograph, row by row in their order.
+
+    Parameters
+    ----------
+    image : array_like of shape (H, W) or (H, W, 3)
+    corners : array_like of shape (N, 2), or None
+        Pixels; None draws the photograph with a note that no board was found.
+    columns : int
+        Inner corners in a row of the board.
+    title : str
+
+    Returns
+    -------
+    Figure
+    """
+    size = np.asarray(image).shape[1], np.asarray(image).shape[0]
+    figure, grid = new_figure(PANEL, image_panel_height(size))
+    axes = grid[0, 0]
+    show_image(axes, image)
+    if corners is None:
+        axes.text(0.5, 0.5, "no board found", transform=axes.transAxes, ha="center", color="white",
+                  fontsize=14, bbox={"facecolor": RIGHT, "edgecolor": "none", "pad": 5})  # fmt: skip
+    else:
+        add_corners(axes, as_points(corners, 2, "corners", minimum=1), columns)
+    dress_image(axes, size, title)
+    return figure
+
+
+def draw_detection_stages(image: ArrayLike, detection: Any, columns: int, *, title: str = "") -> Figure:
+    """Draw how a board was found, or how far the search got: response, candidates, grid, refined corners.
+
+    Parameters
+    ----------
+    image : array_like of shape (H, W) or (H, W, 3)
+    detection : Detection
+        With ``stages``: a dict that may hold ``response`` (H, W), ``candidates`` (n, 2 or more) and ``grid`` (m, 2 or
+        (rows, columns, 2), NaN where missing); ``corners``, ``covariances`` and ``message``.
+    columns : int
+        Inner corners in a row of the board.
+    title : str
+
+    Returns
+    -------
+    Figure
+        Two by two panels. Covariance ellipses are drawn 200 times enlarged.
+    """
+    size = np.asarray(image).shape[1], np.asarray(image).shape[0]
+    figure, grid = new_figure(2 * PANEL, 2 * image_panel_height(size) + 0.4, rows=2, columns=2)
+    stages: Mapping[str, Any] = detection.stages or {}
+    _show_response(grid[0, 0], stages.get("response"), image, size)
+    _show_points(grid[0, 1], stages.get("candidates"), image, size, "candidates")
+    _show_points(grid[1, 0], stages.get("grid"), image, size, "grid")
+    axes = grid[1, 1]
+    show_image(axes, image)
+    corners = detection.corners
+    if corners is not None:
+        add_corners(axes, np.asarray(corners, dtype=np.float64), columns)
+        if detection.covariances is not None:
+            _add_ellipses(axes, np.asarray(corners), np.asarray(detection.covariances), 200.0)
+    label = "refined corners, ellipses 200x" if corners is not None else "no board"
+    dress_image(axes, size, f"4  {label}")
+    message = getattr(detection, "message", "") or ""
+    figure.suptitle(" · ".join(part for part in (title, message) if part), fontsize=10, color=INK, x=0.01, ha="left")
+    return figure
+
+
+def _show_response(axes: Axes, response: Any, image: ArrayLike, size: tuple[int, int]) -> None:
+    if response is None:
+        show_image(axes, image, dimmed=0.5)
+        dress_image(axes, size, "1  response: not computed")
+        return
+    values = np.asarray(response, dtype=np.float64)
+    top = float(np.nanpercentile(np.abs(values), 99.8)) or 1.0
+    height, width = values.shape
+    # a response computed on a reduced image still covers the whole photograph
+    extent = (-0.5, size[0] - 0.5, size[1] - 0.5, -0.5)
+    step = max(1, max(width, height) // 900)
+    axes.imshow(values[::step, ::step] / top, cmap="magma", vmin=0, vmax=1, extent=extent)
+    dress_image(axes, size, "1  corner response")
+
+
+def _show_points(axes: Axes, points: Any, image: ArrayLike, size: tuple[int, int], what: str) -> None:
+    number = "2" if what == "candidates" else "3"
+    show_image(axes, image, dimmed=0.35)
+    if points is None or np.size(points) == 0:
+        dress_image(axes, size, f"{number}  {what}: none")
+        return
+    array = np.asarray(points, dtype=np.float64)
+    if array.ndim == 3:  # a grid: rows, columns, (x, y)
+        for line in (*array, *array.transpose(1, 0, 2)):
+            axes.plot(line[:, 0], line[:, 1], "-", color=AMBER, linewidth=1.0)
+        array = array.reshape(-1, array.shape[2])
+    xy = array[np.isfinite(array[:, :2]).all(axis=1), :2]
+    axes.plot(xy[:, 0], xy[:, 1], "+", color=RIGHT, markersize=5, markeredgewidth=1.2)
+    dress_image(axes, size, f"{number}  {what}: {len(xy)}")
+
+
+def _add_ellipses(axes: Axes, corners: Float, covariances: Float, enlarged: float) -> None:
+    angles = np.linspace(0, 2 * np.pi, 25)
+    circle = np.stack([np.cos(angles), np.sin(angles)])
+    values, vectors = np.linalg.eigh(covariances)
+    outline = corners[:, None, :] + enlarged * np.einsum(
+        "nij,nj,jk->nki", vectors, np.sqrt(np.maximum(values, 0)), circle
+    )
+    axes.add_collection(LineCollection(list(outline), colors=AMBER, linewidths=0.9))
+
+
+def draw_rectified_pair(
+    left: ArrayLike,
+    right: ArrayLike,
+    *,
+    left_corners: ArrayLike | None = None,
+    right_corners: ArrayLike | None = None,
+    lines: int = 12,
+    title: str = "rectified: a point lies on the same line in both",
+) -> Figure:
+    """Draw a rectified pair side by side, with horizontal lines through both images.
+
+    Parameters
+    ----------
+    left, right : array_like of shape (H, W) or (H, W, 3)
+        Rectified images of equal height.
+    left_corners, right_corners : array_like of shape (N, 2), optional
+        Rectified corners; lines then pass through some of the left ones, so that a fault of a pixel shows.
+    lines : int
+        How many lines.
+    title : str
+
+    Returns
+    -------
+    Figure
+    """
+    height, width = np.asarray(left).shape[:2]
+    figure, grid = new_figure(2 * PANEL, image_panel_height((2 * width, height), 2 * PANEL, 0.5), columns=2)
+    rows = np.linspace(0, height - 1, lines + 2)[1:-1]
+    if left_corners is not None:
+        points = as_points(left_corners, 2, "left_corners")
+        order = np.argsort(points[:, 1])
+        rows = points[order[np.linspace(0, len(order) - 1, min(lines, len(order))).astype(int)], 1]
+    colours = _row_colours(len(rows))
+    names = ("left", "right")
+    for axes, image, corners, name in zip(grid[0], (left, right), (left_corners, right_corners), names, strict=True):
+        show_image(axes, image)
+        axes.hlines(rows, -0.5, width - 0.5, colors=list(colours), linewidth=0.8)
+        if corners is not None:
+            points = as_points(corners, 2, "corners")
+            axes.plot(points[:, 0], points[:, 1], "+", color=AMBER, markersize=5, markeredgewidth=0.9)
+        dress_image(axes, (width, height), name)
+    figure.suptitle(title, fontsize=10, color=INK, x=0.01, ha="left")
+    return figure
+
+
+def draw_disparity(
+    disparity: ArrayLike,
+    *,
+    image: ArrayLike | None = None,
+    limits: tuple[float, float] | None = None,
+    title: str = "disparity",
+    label: str = "disparity, px",
+) -> Figure:
+    """Draw a disparity map in colour, grey where there is none.
+
+    Parameters
+    ----------
+    disparity : array_like of shape (H, W)
+        Pixels, NaN where there is none.
+    image : array_like, optional
+        The rectified left image, shown beside it.
+    limits : tuple of (low, high), optional
+        Colour limits; by default the 1 and 99 percentile of the valid pixels.
+    title, label : str
+
+    Returns
+    -------
+    Figure
+    """
+    values = np.asarray(disparity, dtype=np.float64)
+    height, width = values.shape
+    valid = values[np.isfinite(values)]
+    low, high = limits or ((0.0, 1.0) if valid.size == 0 else np.percentile(valid, (1, 99)))
+    panels = 1 if image is None else 2
+    total = panels * PANEL
+    figure, grid = new_figure(total, image_panel_height((panels * width, height), total, 0.35), columns=panels)
+    if image is not None:
+        show_image(grid[0, 0], image)
+        dress_image(grid[0, 0], (width, height), "left, rectified")
+    axes = grid[0, -1]
+    import matplotlib
+
+    cmap = matplotlib.colormaps[SEQUENTIAL].with_extremes(bad=NO_VALUE)
+    shown = axes.imshow(values, cmap=cmap, vmin=low, vmax=max(high, low + 1e-6), interpolation="nearest")
+    dress_image(axes, (width, height), title)
+    fill = valid.size / values.size
+    axes.text(0.99, 0.02, f"{fill:.0%} of the pixels", transform=axes.transAxes, ha="right", fontsize=SMALL,
+              color=INK, bbox={"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 2})  # fmt: skip
+    add_colorbar(figure, shown, axes, label)
+    return figure
+
+
+def draw_image(image: ArrayLike, *, title: str = "", caption: str = "") -> Figure:
+    """Draw one image with a title and, below it, a caption."""
+    height, width = np.asarray(image).shape[:2]
+    figure, grid = new_figure(PANEL, image_panel_height((width, height), extra=0.6 if caption else 0.35))
+    show_image(grid[0, 0], image)
+    dress_image(grid[0, 0], (width, height), title)
+    if caption:
+        grid[0, 0].set_xlabel(caption, fontsize=SMALL, color=MUTED)
+    return figure
