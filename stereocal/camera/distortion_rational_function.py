@@ -1,0 +1,71 @@
+"""The rational function model: a 3×6 matrix on the monomials of degree two [eq 17].
+
+    χ = [x², xy, y², x, y, 1]ᵀ of the distorted point,        (x_u, y_u, 1) ~ W χ:
+
+    x_u = W₁ᵀχ / W₃ᵀχ,        y_u = W₂ᵀχ / W₃ᵀχ.
+
+Both components share the denominator W₃ᵀχ; the paper prints W₃ for one and W₄ for the other, but W has three rows, and
+with two denominators a straight line would not become a conic, which is the point of the model (Claus and
+Fitzgibbon, 2005).
+
+Here k is W row by row, W₁ then W₂ then W₃. The scale of W is free, and its right half acts as a homography of
+the plane, the work that K and the poses already do. A calibration therefore holds that half at the identity and
+frees the nine coefficients of the quadratic monomials.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stereocal.base.checks import Float
+from stereocal.camera.distortion_base import BackwardModel
+
+_NAMES = tuple(f"w{row}{column}" for row in (1, 2, 3) for column in range(1, 7))
+
+
+class RationalFunction(BackwardModel):
+    """Rational function: w11 … w36, row by row; (x_u, y_u) = (W₁ᵀχ / W₃ᵀχ, W₂ᵀχ / W₃ᵀχ), [eq 17] corrected.
+
+    Notes
+    -----
+    OpenCV has no such model; its ``CALIB_RATIONAL_MODEL`` is a ratio of polynomials in r², ``"rational"`` here.
+    """
+
+    name = "rational_function"
+    parameter_names = _NAMES
+    fixed_by_default = tuple(name for name in _NAMES if name[2] in "456")
+
+    def neutral(self) -> Float:
+        """Return W = [0 | I]: the ideal lens."""
+        return np.hstack([np.zeros((3, 3)), np.eye(3)]).ravel()
+
+    def undistort(self, x_d: Float, k: Float) -> Float:
+        """Return the ideal point of W χ; NaN where the denominator is not positive."""
+        h = _monomials(x_d) @ k.reshape(3, 6).T
+        positive = h[:, 2:] > 0
+        return np.where(positive, h[:, :2] / np.where(positive, h[:, 2:], 1.0), np.nan)
+
+    def undistort_jacobians(self, x_d: Float, k: Float) -> tuple[Float, Float, Float]:
+        """Return x_u = h₁₂/h₃, and dx_u = (dh₁₂ − x_u dh₃) / h₃ by x_d and by W."""
+        W = k.reshape(3, 6)
+        chi = _monomials(x_d)
+        h = chi @ W.T
+        with np.errstate(all="ignore"):
+            x_u = h[:, :2] / h[:, 2:]
+            chi_h = chi / h[:, 2:]
+            x, y = x_d[:, 0], x_d[:, 1]
+            zero, one = np.zeros_like(x), np.ones_like(x)
+            chi_x = np.stack([np.stack([2 * x, y, zero, one, zero, zero], 1),
+                              np.stack([zero, x, 2 * y, zero, one, zero], 1)], axis=2)  # fmt: skip
+            dh = W @ chi_x
+            J = (dh[:, :2] - x_u[:, :, None] * dh[:, 2:]) / h[:, 2, None, None]
+        J_k = np.zeros((len(x_d), 2, 18))
+        J_k[:, 0, 0:6] = J_k[:, 1, 6:12] = chi_h
+        J_k[:, :, 12:] = -x_u[:, :, None] * chi_h[:, None, :]
+        return x_u, J, J_k
+
+
+def _monomials(x: Float) -> Float:
+    """χ = [x², xy, y², x, y, 1] of each point."""
+    u, v = x[:, 0], x[:, 1]
+    return np.stack([u * u, u * v, v * v, u, v, np.ones_like(u)], axis=1)
