@@ -1,1 +1,15 @@
-"""To be mapped."""
+"""Dense reconstruction: from a rectified pair to disparity, depth and points.
+
+=====================  ==================================================================
+``sad``                the paper's block matching: the smallest sum of absolute differences
+``block_matching``     the same with OpenCV's tests around it: StereoBM, bit for bit
+``census``             matching by the order of grey values, for unequal exposures
+``semiglobal``         matching with a smoothness term along many paths
+``speckles``           small islands of the disparity map are removed
+``postprocessing``     weighted median, hole filling, confidence
+``triangulation``      a point in space from its two images
+``depth``              from disparity to depth and points, and how far to trust them
+=====================  ==================================================================
+
+Each ``*_kernels`` module holds the Numba kernels of the module whose name it bears.
+"""
