@@ -1,0 +1,172 @@
+"""What a person reads when a command is done: what was done, what was found, and what comes next.
+
+Each function yields lines (or tables) for the terminal. A figure is never printed without its definition or its unit,
+and the last lines are the exact command that comes next.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from rich.console import RenderableType
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from stereocal.workflow.boards import DetectionRun
+from stereocal.workflow.calibrations import CalibrationRun
+from stereocal.workflow.depth_maps import DepthMapRun
+from stereocal.workflow.rectified_pairs import RectificationRun
+from stereocal.workflow.targets import TargetRun
+
+
+def summarize_detection(run: DetectionRun) -> Iterator[RenderableType]:
+    """One line an image, then the count."""
+    width = max(len(str(found.photograph)) for found in run.boards)
+    for found in run.boards:
+        detection = found.detection
+        if detection.found:
+            line = f"{found.photograph!s:<{width}}  found      edges {detection.edge_width:.1f} px wide"
+            line += f"  {detection.message}" if detection.message else ""
+        else:
+            line = f"{found.photograph!s:<{width}}  not found  {detection.message}"
+        yield Text(line.rstrip())
+    yield f"\n[bold]{run.found} of {len(run.boards)}[/] photographs show the {run.board} board."
+    yield from _files(run.files)
+    sizes = {found.detection.other_size for found in run.boards if found.detection.other_size}
+    if not run.found and sizes:
+        columns, rows = sorted(sizes)[0]
+        yield f"Some show a board of another size: try [bold]--inner-corners {columns}x{rows}[/]."
+
+
+def summarize_calibration(run: CalibrationRun) -> Iterator[RenderableType]:
+    """What was used, how well it fits, what came out, and the next command."""
+    calibration, rig = run.fit.calibration, run.fit.calibration.rig
+    width, height = rig.left.image_size
+    unit = run.square.unit or "x the unit of --square"
+    yield (
+        f"[bold]{len(run.used)} of {len(run.pairs)} pairs used[/], {width}x{height} px, board {run.board}, "
+        f"square {run.square}"
+    )
+    for record in run.pairs:
+        names = f"{record.pair.left.path.name} / {record.pair.right.path.name}"
+        if not record.used:
+            yield Text(f"  left out  {names}: {record.reason}")
+        elif record.flipped:
+            yield Text(f"  repaired  {names}: corners came from opposite ends of the board; put into one order")
+    for sentence in run.skipped:
+        yield Text(f"  skipped   {sentence}")
+    yield ""
+    yield (
+        f"[bold]RMS {calibration.rms:.3f} px[/]  left {calibration.left_rms:.3f}, right {calibration.right_rms:.3f}; "
+        f"each camera alone {run.fit.left.rms:.3f}, {run.fit.right.rms:.3f}"
+    )
+    yield "  [dim]root mean square distance between found and predicted corners, as OpenCV counts it[/]"
+    yield f"[bold]baseline {rig.baseline:.4f}[/] {unit}"
+    yield _camera_table(run)
+    yield from _verdicts(run)
+    yield ""
+    yield from _files(run.files, run.folder)
+    yield from _next(
+        f"open {run.folder / 'report.html'} in a browser: is it good, and what would make it better",
+        _command("stereocal", "disparity", run.folder / "calibration.json", "LEFT.jpg", "RIGHT.jpg"),
+    )
+
+
+def _camera_table(run: CalibrationRun) -> Table:
+    """K and dist of both cameras."""
+    table = Table(box=None, pad_edge=False, show_header=True, header_style="bold")
+    for title in ("", "fx", "fy", "cx", "cy"):
+        table.add_column(title, justify="left" if not title else "right")
+    table.add_column(f"distortion ({run.model})")
+    rig = run.fit.calibration.rig
+    for name, camera in (("left", rig.left), ("right", rig.right)):
+        K = camera.K
+        figures = [f"{value:.2f}" for value in (K[0, 0], K[1, 1], K[0, 2], K[1, 2])]
+        table.add_row(name, *figures, " ".join(f"{value:.4f}" for value in np.ravel(camera.dist)))
+    return table
+
+
+def _verdicts(run: CalibrationRun) -> Iterator[RenderableType]:
+    colours = {"good": "green", "usable": "yellow", "bad": "red"}
+    if run.report is None:
+        return
+    yield ""
+    for verdict in run.report.verdicts:
+        colour = colours.get(verdict.grade, "default")
+        yield f"[{colour}]{verdict.grade:<7}[/] {escape(verdict.sentence)}"
+
+
+def summarize_rectification(run: RectificationRun) -> Iterator[RenderableType]:
+    """What was rectified and where it is."""
+    width, height = run.rectification.image_size
+    what = "1 pair" if run.pairs == 1 else f"{run.pairs} pairs"
+    yield f"[bold]{what} rectified[/] to {width}x{height} px, focal length {run.rectification.P1[0, 0]:.1f} px"
+    for sentence in run.rectification.warnings:
+        yield Text(f"  note: {sentence}")
+    yield from _files(run.files, run.folder)
+    yield from _next("look at the epipolar_*.png: each line must meet the same things on both sides")
+
+
+def summarize_depth_map(run: DepthMapRun) -> Iterator[RenderableType]:
+    """How dense, how far, how long, and where it is."""
+    settings = run.settings
+    yield (
+        f"[bold]{run.method}[/] with block size {settings['block_size']}, {settings['num_disparities']} disparities "
+        f"from {settings['min_disparity']}, speckles up to {settings['speckle_size']} px dropped"
+    )
+    yield f"[bold]{run.density:.1%}[/] of the pixels have a disparity; matched in {run.matching_seconds:.2f} s"
+    depth = run.depth[np.isfinite(run.depth)]
+    if depth.size:
+        low, middle, high = np.percentile(depth, (5, 50, 95))
+        yield f"depth {low:.4g} to {high:.4g} (5 to 95 %), median {middle:.4g}, in the unit of the calibration"
+    largest = np.nanmax(run.disparity) if depth.size else -np.inf
+    if largest >= settings["min_disparity"] + settings["num_disparities"] - 1.5:
+        yield "  note: the largest disparity that was searched is reached: nearer things need --num-disparities "
+        yield f"        {2 * settings['num_disparities']} or more"
+    yield from _files(run.files, run.folder)
+    yield from _next(f"look at {run.folder / 'disparity_figure.png'}, or open {run.folder / 'cloud.ply'} in MeshLab")
+
+
+def summarize_target(run: TargetRun) -> Iterator[RenderableType]:
+    """What to print, and what to check after printing."""
+    yield f"[bold]{run.path}[/]: {run.board} inner corners, squares of {run.square}, on {run.paper}"
+    for sentence in run.advice:
+        yield Text(f"  {sentence}")
+    yield from _next(
+        "print it at 100 % (not 'fit to page'), measure ten squares with a ruler, glue it onto something flat",
+        _command(
+            "stereocal", "calibrate", "LEFT", "RIGHT", "--inner-corners", str(run.board), "--square", run.square_text
+        ),
+    )
+
+
+def _files(files: tuple[Path, ...], folder: Path | None = None) -> Iterator[RenderableType]:
+    """Name what was written, pictures of a kind by their number."""
+    if not files:
+        return
+    if folder is None or len(files) == 1:
+        yield Text("written: " + ", ".join(str(path) for path in files))
+        return
+    top = [path.name for path in files if path.parent == folder]
+    below: dict[str, int] = {}
+    for path in files:
+        if path.parent != folder:
+            name = path.relative_to(folder).parts[0]
+            below[name] = below.get(name, 0) + 1
+    if len(top) > 12:
+        top = [*top[:9], f"… {len(top) - 9} more"]
+    groups = [f"{name}/ ({count} files)" for name, count in below.items()]
+    yield Text(f"written to {folder}: " + ", ".join(top + groups))
+
+
+def _next(*steps: str) -> Iterator[RenderableType]:
+    for index, step in enumerate(steps):
+        yield Text(f"{'next: ' if index == 0 else '      '}{step}")
+
+
+def _command(*words: object) -> str:
+    return shlex.join(str(word) for word in words)

@@ -1,0 +1,79 @@
+"""Standard output and standard error; progress bars.
+
+Results go to standard output, so that they can be piped; everything else (progress, errors) goes to standard error.
+With ``--json`` standard output is one JSON document and nothing else. Bars are drawn only on a terminal.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.progress import Progress as Bars
+
+
+def results() -> Console:
+    """Return the console of standard output; lines are never broken in a file or a pipe."""
+    return Console(highlight=False, soft_wrap=True)
+
+
+def errors() -> Console:
+    """Return the console of standard error."""
+    return Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+def complain(sentence: str) -> None:
+    """Print one line on standard error, whatever the sentence holds."""
+    print(f"stereocal: {' '.join(sentence.split())}", file=sys.stderr)
+
+
+def print_json(document: Any) -> None:
+    """Print one JSON document on standard output; what is not a number is null, as JSON has no NaN."""
+    json.dump(_plain(document), sys.stdout, indent=2, ensure_ascii=False, allow_nan=False)
+    sys.stdout.write("\n")
+
+
+class Terminal:
+    """Progress bars on standard error, if it is a terminal."""
+
+    @contextmanager
+    def stage(self, title: str, total: int | None = None) -> Iterator[Callable[[], None]]:
+        """Open a bar of `total` steps; it vanishes when the stage is over."""
+        console = errors()
+        columns = (
+            SpinnerColumn(),
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+        )
+        with Bars(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
+            task = bars.add_task(title, total=total)
+            yield lambda: bars.advance(task)
+
+
+def _plain(value: Any) -> Any:
+    """Return `value` with NaN and infinity as None, and arrays and paths as lists and text."""
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, (bool, int, str)) else str(value)

@@ -1,0 +1,247 @@
+"""``disparity``: disparity, depth and point cloud of one pair.
+
+The pair is rectified, matched row by row, cleaned of speckles, and turned into depth by Q. Five files hold the result,
+each for another reader: PFM and 16-bit PNG the numbers, the coloured PNG for the eye, ``depth.pfm`` in the unit of the
+calibration, and a point cloud in colour.
+
+Matchers work on 8-bit grey. Pictures of more bits are brought to 8 by one factor for both, so that grey values stay
+comparable between left and right.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereocal.base.checks import require_choice, require_integer
+from stereocal.base.gray import to_gray
+from stereocal.pair.rectification import Rectification
+from stereocal.pair.rectification import rectify as rectify_rig
+from stereocal.reconstruction.depth import disparity_to_depth, disparity_to_points
+from stereocal.report.figures_images import draw_disparity, to_display
+from stereocal.report.style import SEQUENTIAL, to_png
+from stereocal.store.clouds import write_ply
+from stereocal.store.disparity_files import write_disparity, write_pfm
+from stereocal.store.images import write_image
+from stereocal.workflow.outputs import StagedFolder, staged_folder
+from stereocal.workflow.photographs import Pair, Photograph
+from stereocal.workflow.progress import Progress, Silent
+from stereocal.workflow.rectified_pairs import load_rig, require_size_of_rig
+
+METHODS = ("sad", "bm", "census", "sgm")
+
+BLOCK_SIZES = {"sad": 21, "bm": 21, "census": 9, "sgm": 5}
+"""Block size by method when none is given: the paper's for block matching, small where smoothness is asked for."""
+
+Image = NDArray[Any]
+Disparity = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class DepthMapRun:
+    """What ``disparity`` did.
+
+    Attributes
+    ----------
+    disparity : ndarray of shape (H, W), float32
+        Of the rectified left image, px; NaN where there is none.
+    depth : ndarray of shape (H, W), float32
+        Along the optical axis, in the unit of the calibration.
+    method : str
+        The matcher.
+    settings : dict
+        Its parameters.
+    density : float
+        Share of all pixels that have a disparity.
+    matching_seconds : float
+        Of the matcher alone.
+    seconds : float
+        Of everything, files included.
+    points : int
+        In the cloud.
+    folder : Path
+        Where the files stand.
+    files : tuple of Path
+        Those written.
+    """
+
+    disparity: Disparity
+    depth: Disparity
+    method: str
+    settings: dict[str, int]
+    density: float
+    matching_seconds: float
+    seconds: float
+    points: int
+    folder: Path
+    files: tuple[Path, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what ``disparity --json`` prints."""
+        depth = self.depth[np.isfinite(self.depth)]
+        low, middle, high = (float(value) for value in np.percentile(depth, (5, 50, 95))) if depth.size else (None,) * 3
+        return {
+            "method": self.method,
+            **self.settings,
+            "image_size": [self.disparity.shape[1], self.disparity.shape[0]],
+            "density": self.density,
+            "depth_percentiles": {"5": low, "50": middle, "95": high},
+            "points": self.points,
+            "files": [str(path) for path in self.files],
+            "matching_seconds": self.matching_seconds,
+            "seconds": self.seconds,
+        }
+
+
+def compute_disparity(
+    calibration: str | os.PathLike[str],
+    left: str | os.PathLike[str],
+    right: str | os.PathLike[str],
+    *,
+    method: str = "sgm",
+    block_size: int | None = None,
+    num_disparities: int = 64,
+    min_disparity: int = 0,
+    speckle_size: int = 100,
+    out: str | os.PathLike[str] = "out/disparity",
+    progress: Progress | None = None,
+) -> DepthMapRun:
+    """Make a disparity map, depth and a coloured point cloud of one pair of photographs.
+
+    Parameters
+    ----------
+    calibration : path
+        Of the rig.
+    left, right : path
+        The photographs, as the cameras took them.
+    method : {"sad", "bm", "census", "sgm"}
+        The matcher.
+    block_size : int, optional
+        Side of the window; by default :data:`BLOCK_SIZES`.
+    num_disparities, min_disparity : int
+        How many disparities are searched, from which one up.
+    speckle_size : int
+        Patches of at most so many pixels are dropped; 0 keeps them.
+    out : path
+        Folder for the files.
+    progress : Progress, optional
+        Who watches.
+
+    Raises
+    ------
+    DataFileError
+        If a file cannot be read, does not fit the calibration, or cannot be written.
+    InputError
+        If a setting makes no sense.
+    """
+    start = time.perf_counter()
+    watch = progress or Silent()
+    require_choice(method, METHODS, "--method")
+    settings = {
+        "block_size": require_integer(block_size or BLOCK_SIZES[method], "--block-size", minimum=1, odd=True),
+        "num_disparities": require_integer(num_disparities, "--num-disparities", minimum=1),
+        "min_disparity": require_integer(min_disparity, "--min-disparity", minimum=-4096, maximum=4096),
+        "speckle_size": require_integer(speckle_size, "--speckle-size", minimum=0),
+    }
+    rig = load_rig(calibration)
+    pair = Pair(Photograph(Path(left)), Photograph(Path(right)))
+    with staged_folder(out) as staged:
+        images = pair.left.read(), pair.right.read()
+        require_size_of_rig(pair, tuple((image.shape[1], image.shape[0]) for image in images), rig)  # type: ignore[arg-type]
+        rectification = rectify_rig(rig)
+        rectified = rectification.apply(*images)
+        with watch.stage(f"Matching ({method})"):
+            clock = time.perf_counter()
+            disparity = match_rectified(*to_eight_bits(*rectified), method=method, **settings)
+            matching_seconds = time.perf_counter() - clock
+        depth, points = _write_depth_files(staged, rectified[0], disparity, rectification)
+        files = tuple(staged.published())
+    run = DepthMapRun(
+        disparity=disparity,
+        depth=depth,
+        method=method,
+        settings=settings,
+        density=float(np.isfinite(disparity).mean()),
+        matching_seconds=matching_seconds,
+        seconds=0.0,
+        points=points,
+        folder=Path(out),
+        files=files,
+    )
+    return replace(run, seconds=time.perf_counter() - start)
+
+
+def match_rectified(
+    left: Image,
+    right: Image,
+    *,
+    method: str,
+    block_size: int,
+    num_disparities: int,
+    min_disparity: int = 0,
+    speckle_size: int = 0,
+) -> Disparity:
+    """Match a rectified pair with one of the four matchers and drop speckles."""
+    from stereocal.reconstruction import block_matching, census, sad, semiglobal, speckles
+
+    matcher = {
+        "sad": sad.match_sad,
+        "bm": block_matching.match_bm,
+        "census": census.match_census,
+        "sgm": semiglobal.match_sgm,
+    }[method]
+    disparity = matcher(
+        left, right, num_disparities=num_disparities, min_disparity=min_disparity, block_size=block_size
+    )
+    if speckle_size:
+        disparity = speckles.filter_speckles(disparity, max_size=speckle_size, max_difference=1.0)
+    return disparity
+
+
+def to_eight_bits(left: Image, right: Image) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Return both images in 8-bit grey, scaled by one factor."""
+    gray = to_gray(left, "left"), to_gray(right, "right")
+    if gray[0].dtype == np.uint8 and gray[1].dtype == np.uint8:
+        return gray
+    white = max(float(gray[0].max()), float(gray[1].max()), 1.0)
+    scaled = [np.rint(np.clip(image.astype(np.float64) * (255.0 / white), 0, 255)).astype(np.uint8) for image in gray]
+    return scaled[0], scaled[1]
+
+
+def color_disparity(disparity: Disparity) -> NDArray[np.uint8]:
+    """Return the map in colour, (H, W, 3): the 1 and 99 percentile span the scale, black is no disparity."""
+    from matplotlib import colormaps
+
+    valid = np.isfinite(disparity)
+    low, high = np.percentile(disparity[valid], (1, 99)) if valid.any() else (0.0, 1.0)
+    share = (np.where(valid, disparity, low) - low) / max(high - low, 1e-6)
+    rgb = np.asarray(colormaps[SEQUENTIAL](np.clip(share, 0, 1), bytes=True))[..., :3].copy()
+    rgb[~valid] = 0
+    return rgb
+
+
+def _write_depth_files(
+    staged: StagedFolder, left: Image, disparity: Disparity, rectification: Rectification
+) -> tuple[Disparity, int]:
+    """Write all files of a disparity map; return the depth and the number of points of the cloud."""
+    depth = disparity_to_depth(disparity, rectification.Q)
+    depth[~(depth > 0)] = np.nan
+    depth[np.isinf(depth)] = np.nan
+    points = disparity_to_points(disparity, rectification.Q)
+    points[~(disparity >= 1)] = np.nan  # below one pixel the depth is not known even to a factor of two
+    write_disparity(staged.path("disparity.pfm"), disparity)
+    if not np.any(disparity < 0):  # the 16-bit format holds none below zero
+        write_disparity(staged.path("disparity.png"), disparity)
+    write_image(staged.path("disparity_color.png"), color_disparity(disparity))
+    figure = draw_disparity(disparity, image=left, title="disparity of the left image")
+    staged.path("disparity_figure.png").write_bytes(to_png(figure))
+    write_pfm(staged.path("depth.pfm"), np.where(np.isfinite(depth), depth, np.float32(np.inf)))
+    count = write_ply(staged.path("cloud.ply"), points, to_display(left))
+    write_image(staged.path("left_rectified.png"), left if left.dtype != np.float32 else to_display(left))
+    return depth, count
