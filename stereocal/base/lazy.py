@@ -10,11 +10,12 @@ from __future__ import annotations
 import importlib
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 
 def attach(
     package: str, names_of_module: Mapping[str, Sequence[str]]
-) -> tuple[Callable[[str], object], Callable[[], list[str]], list[str]]:
+) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """Build ``__getattr__``, ``__dir__`` and ``__all__`` of a lazy package.
 
     Parameters
@@ -31,7 +32,7 @@ def attach(
     """
     module_of_name = {name: module for module, names in names_of_module.items() for name in names}
 
-    def __getattr__(name: str) -> object:  # noqa: N807
+    def __getattr__(name: str) -> Any:  # noqa: N807
         if name not in module_of_name:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         value = getattr(importlib.import_module(module_of_name[name]), name)
