@@ -1,0 +1,114 @@
+"""Saddle points: what an inner corner of a chessboard is, and hardly anything else.
+
+Where four squares meet, the brightness rises along one diagonal and falls along the other. Blurred a little, it is
+a *saddle*: the Hessian [[Gxx, Gxy], [Gxy, Gyy]] of the smoothed image G has one positive and one negative eigenvalue, so
+
+    S = Gxy^2 - Gxx Gyy = -l1 l2 > 0,
+
+largest at the corner. Harris's response (:mod:`stereocal.board.harris`) asks for gradients of two directions, which the
+outer corner of a dark square and every letter have as well; S asks for the curvature of a crossing, and L-corners,
+T-junctions and line ends have a small one. G is smoothed by the binomial (1 4 6 4 1)/16, and the differences reach over
+two pixels, which together is a Gaussian of 1.2 px and a pattern as wide as the smallest square looked for.
+
+Noise and texture have saddles too, so every maximum of S has to pass a *ring test*: on a circle around it the grey value
+must cross the middle between darkest and lightest exactly four times, at angles whose opposites lie half a turn apart,
+and look the same half a turn on (the *symmetry test*). What passes carries its two edge directions and its polarity:
+
+    t0, t1, t2, t3: the angles of the four edges; from t0, with growing angle, one enters a dark square.
+
+These are what the grid is grown from (:mod:`stereocal.board.grid`). Both tests look at a neighbourhood of fixed size, so
+they are made on a pyramid of halved images: large squares, blur and strong noise are seen at a coarse level, small
+squares at a fine one.
+
+Sources: Chen and Zhang, *A new sub-pixel detector for X-corners*, 2005 (the measure S); Bennett and Lasenby, *ChESS -
+quick and robust detection of chess-board features*, CVIU 2014 (the ring). Ours: crossings located on the ring and their
+polarity carried into the graph; ChESS uses the ring for the response alone.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from stereocal.base.checks import Float
+
+RING_RADIUS = 4.0
+RING_STEPS = 32
+_ANGLES = np.arange(RING_STEPS) * (2 * np.pi / RING_STEPS)
+_COSINE, _SINE = np.cos(_ANGLES), np.sin(_ANGLES)
+_BINOMIAL = np.array([1, 4, 6, 4, 1]) / 16
+
+
+def saddle_response(image: NDArray[Any], *, backend: str = "numba") -> tuple[Float, Float]:
+    """Smoothed image G and saddle measure S = Gxy^2 - Gxx Gyy.
+
+    Parameters
+    ----------
+    image : ndarray of shape (H, W), uint8 or float32
+        Grey values.
+    backend : {"numba", "numpy"}
+        The kernel, or the readable reference (they agree to float32's rounding).
+
+    Returns
+    -------
+    G, S : ndarray of shape (H, W), float32
+        S is 0 within two pixels of the border. Derivatives are differences over two pixels, not divided by their step:
+        the square root of S is in grey levels.
+    """
+    if backend == "numba":
+        from stereocal.board.saddle_kernels import saddle_measure, smooth_binomial
+
+        G, S = np.empty(image.shape, np.float32), np.empty(image.shape, np.float32)
+        smooth_binomial(image, G)
+        saddle_measure(G, S)
+        return G, S
+    smooth = ndimage.correlate1d(image.astype(np.float64), _BINOMIAL, 0, mode="nearest")
+    smooth = ndimage.correlate1d(smooth, _BINOMIAL, 1, mode="nearest")
+    measure = np.zeros_like(smooth)
+    middle = smooth[2:-2, 2:-2]
+    xx = smooth[2:-2, 4:] - 2 * middle + smooth[2:-2, :-4]
+    yy = smooth[4:, 2:-2] - 2 * middle + smooth[:-4, 2:-2]
+    xy = (smooth[4:, 4:] - smooth[4:, :-4] - smooth[:-4, 4:] + smooth[:-4, :-4]) / 4
+    measure[2:-2, 2:-2] = xy * xy - xx * yy
+    return smooth.astype(np.float32), measure.astype(np.float32)
+
+
+def saddle_candidates(
+    G: Float, S: Float, *, least_response: float = 1.0, least_amplitude: float = 2.0, limit: int = 4000
+) -> tuple[Float, NDArray[np.int64]]:
+    """Saddles that pass the ring test.
+
+    Parameters
+    ----------
+    G, S : ndarray of shape (H, W), float32
+        From :func:`saddle_response`.
+    least_response : float
+        Least square root of S, grey levels.
+    least_amplitude : float
+        Least half difference between light and dark on the ring, grey levels.
+    limit : int
+        No more maxima than this per megapixel (and at least this many) are tested; the weakest are left out.
+
+    Returns
+    -------
+    candidates : ndarray of shape (n, 7), float64
+        x, y, the four edge angles t0..t3 (radians, t0 leads from light into dark), the amplitude.
+    maxima : ndarray of shape (m, 2), int64
+        The pixels (x, y) of the maxima that were tested.
+    """
+    from stereocal.board.saddle_kernels import ring_test, saddle_maxima
+
+    capacity = int(limit * max(1.0, G.size / 1e6))
+    threshold = np.float32(least_response**2)
+    maxima = np.empty((capacity, 2), np.int64)
+    count = saddle_maxima(S, threshold, maxima)
+    while count > capacity:
+        threshold *= np.float32(3)
+        count = saddle_maxima(S, threshold, maxima)
+    maxima = maxima[:count]
+    candidates = np.empty((count, 7))
+    kept = ring_test(G, maxima, _COSINE, _SINE, RING_RADIUS, least_amplitude, candidates)
+    return candidates[:kept], maxima
