@@ -1,0 +1,259 @@
+"""Calibrations of any tool: found out by their content, read, written, converted.
+
+Each format is a module of its own, ``format_*.py``, with a ``read(path)`` and a ``write(record, path)`` between the file
+and a :class:`~stereocal.store.calibration_record.CalibrationRecord`; its docstring is the page of that format's
+conventions. This module is the registry and the three functions that users call. To add a format: write such a module, enter it in
+:data:`FORMATS`, and teach :func:`recognize_format` its mark.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from stereocal.base.checks import require_choice
+from stereocal.base.errors import DataFileError, InputError
+from stereocal.store.calibration_record import CalibrationRecord, require_unit
+from stereocal.store.structured_text import read_bytes
+
+if TYPE_CHECKING:
+    from stereocal.camera.model import Camera
+    from stereocal.pair.rig import StereoRig
+
+
+@dataclass(frozen=True)
+class CalibrationFormat:
+    """One file format.
+
+    Attributes
+    ----------
+    name : str
+        As the user types it.
+    module : str
+        The module that reads and writes it.
+    title : str
+        As a sentence names it.
+    suffixes : tuple of str
+        File name endings that mean this format when writing; empty if it must be named.
+    writes_folder : bool
+        Whether a stereo pair is a folder of files.
+    """
+
+    name: str
+    module: str
+    title: str
+    suffixes: tuple[str, ...] = ()
+    writes_folder: bool = False
+
+
+FORMATS: dict[str, CalibrationFormat] = {
+    each.name: each
+    for each in (
+        CalibrationFormat("stereocal", "format_stereocal", "stereocal's own JSON", (".json",)),
+        CalibrationFormat("opencv", "format_opencv", "OpenCV FileStorage", (".yml", ".yaml", ".xml")),
+    )
+}
+"""Every format by its name."""
+
+
+def load_calibration(path: str | os.PathLike[str], *, format: str | None = None) -> StereoRig | Camera:
+    """Load a calibration that any of the known tools wrote.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+        The file, or the folder that holds it.
+    format : str, optional
+        A name of :data:`FORMATS`; by default the content tells.
+
+    Returns
+    -------
+    StereoRig or Camera
+        In the library's conventions. T is in the file's own unit.
+
+    Raises
+    ------
+    DataFileError
+        If the file is missing, cut short, hostile, or not a calibration.
+    """
+    return load_record(path, format=format).calibration
+
+
+def load_record(path: str | os.PathLike[str], *, format: str | None = None) -> CalibrationRecord:
+    """Load a calibration with its unit, the file's further fields, and remarks on what changed meaning.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+        The file, or the folder that holds it.
+    format : str, optional
+        A name of :data:`FORMATS`; by default the content tells.
+
+    Returns
+    -------
+    CalibrationRecord
+
+    Raises
+    ------
+    DataFileError
+        If the file is missing, cut short, hostile, or not a calibration.
+    """
+    source = Path(path)
+    name = recognize_format(source) if format is None else require_choice(format, tuple(FORMATS), "format")
+    if name == "stereocal" and source.is_dir():
+        source = source / "calibration.json"
+    record: CalibrationRecord = _module(name).read(source)
+    return record
+
+
+def save_calibration(
+    calibration: StereoRig | Camera,
+    path: str | os.PathLike[str],
+    *,
+    format: str | None = None,
+    unit: str | None = None,
+    extra: dict[str, Any] | None = None,
+) -> list[Path]:
+    """Save a calibration in the format of any of the known tools.
+
+    Parameters
+    ----------
+    calibration : StereoRig or Camera
+        What to save.
+    path : str or os.PathLike
+        Where to; a folder for formats of one file a camera.
+    format : str, optional
+        A name of :data:`FORMATS`; by default from the file's ending.
+    unit : {"m", "cm", "mm", "in"}, optional
+        The unit of T, for formats that fix one.
+    extra : dict, optional
+        Further fields (rms, pairs, square_size, covariance …) for formats that can hold them: all of them in our own
+        JSON, ``rms`` in OpenCV's.
+
+    Returns
+    -------
+    list of Path
+        The files written.
+
+    Raises
+    ------
+    InputError
+        If the format cannot hold this calibration: nothing is dropped.
+    DataFileError
+        If a file cannot be written.
+    """
+    target = Path(path)
+    name = _format_for_writing(target, format)
+    record = CalibrationRecord(calibration, require_unit(unit), dict(extra or {}))
+    files: list[Path] = _module(name).write(record, target)
+    return files
+
+
+def convert_calibration(
+    source: str | os.PathLike[str], target: str | os.PathLike[str], *, to: str | None = None, unit: str | None = None
+) -> list[str]:
+    """Convert a calibration file, and name what changes meaning on the way.
+
+    Parameters
+    ----------
+    source : str or os.PathLike
+        A calibration of any known format, or the folder that holds it.
+    target : str or os.PathLike
+        Where to; a folder for formats of one file a camera.
+    to : str, optional
+        A name of :data:`FORMATS`; by default from the target's ending.
+    unit : {"m", "cm", "mm", "in"}, optional
+        The unit of the source's lengths, where its file does not say.
+
+    Returns
+    -------
+    list of str
+        Sentences: units, half pixels, signs, what the target does not hold and what is derived.
+
+    Raises
+    ------
+    InputError
+        If the target format cannot hold this calibration.
+    DataFileError
+        If the source cannot be read or the target cannot be written.
+    """
+    record = load_record(source)
+    if unit is not None:
+        if record.unit is not None and record.unit != require_unit(unit):
+            raise InputError(f"{source} says that its lengths are in {record.unit}, not {unit}")
+        record = replace(record, unit=require_unit(unit))
+    name = _format_for_writing(Path(target), to)
+    module = _module(name)
+    sentences = [*record.remarks, *module.remarks_on_writing(record)]
+    if record.extra and name != "stereocal":
+        left_out = sorted(set(record.extra) - set(module.EXTRA))
+        if left_out:
+            sentences.append(f"{FORMATS[name].title} has no place for: {', '.join(left_out)}.")
+    module.write(record, Path(target))
+    return sentences
+
+
+def recognize_format(path: str | os.PathLike[str]) -> str:
+    """Return the name of the format that a file or folder is in, by its content.
+
+    Raises
+    ------
+    DataFileError
+        If it is none that is known.
+    """
+    source = Path(path)
+    if source.is_dir():
+        return _recognize_folder(source)
+    head = read_bytes(source)[:65536]
+    if head[:4] == b"PK\x03\x04":
+        return _require_known("paper", source)
+    if head[:10] == b"MATLAB 5.0":
+        return _require_known("matlab", source)
+    text = head.decode("utf-8-sig", "replace").lstrip()
+    for mark, name in _MARKS:
+        if all(word in text for word in mark):
+            return _require_known(name, source)
+    raise DataFileError(source, f"is no calibration that is known; known are {', '.join(FORMATS)}")
+
+
+_MARKS: tuple[tuple[tuple[str, ...], str], ...] = (
+    (("stereocal calibration",), "stereocal"),
+    (("opencv_storage",), "opencv"),
+    (("opencv-matrix",), "opencv"),
+)
+"""Words that only files of one format hold, the most telling first."""
+
+
+def _recognize_folder(folder: Path) -> str:
+    for file, name in (
+        ("calibration.json", "stereocal"),
+        ("left.yaml", "ros"),
+        ("intrinsics.yml", "opencv"),
+        ("intrinsics.xml", "opencv"),
+        ("calibration.yml", "opencv"),
+    ):
+        if (folder / file).is_file():
+            return _require_known(name, folder)
+    raise DataFileError(folder, "holds no calibration.json, left.yaml or intrinsics.yml; name the file itself")
+
+
+def _require_known(name: str, source: Path) -> str:
+    if name not in FORMATS:
+        raise DataFileError(source, f"is in a format that is not read yet: {name}")
+    return name
+
+
+def _format_for_writing(target: Path, name: str | None) -> str:
+    if name is not None:
+        return require_choice(name, tuple(FORMATS), "format")
+    for each in FORMATS.values():
+        if target.suffix.lower() in each.suffixes:
+            return each.name
+    raise InputError(f"{target}: the ending does not tell the format; name one of {', '.join(FORMATS)}")
+
+
+def _module(name: str) -> Any:
+    return importlib.import_module(f"stereocal.store.{FORMATS[name].module}")
