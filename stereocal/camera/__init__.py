@@ -1,1 +1,33 @@
-"""To be mapped."""
+"""One camera: how it sees a point, and how it is calibrated from views of a board.
+
+==================================  ==========================================================================
+``model``                           Camera: matrix, lens, image size
+``projection``                      from a point in space to a pixel, with derivatives
+``distortion``                      distort and undistort points, with any lens model by name
+``distortion_base``                 what a lens model is; how to add one
+``distortion_polynomial``           none, and the paper's k1, k2 in both directions
+``distortion_brown``                OpenCV's family: 5, 8, 12 and 14 coefficients
+``distortion_fisheye``              Kannala and Brandt's
+``distortion_fov``                  field of view
+``distortion_division``             division
+``distortion_rational_function``    a 3×6 matrix on monomials of degree two
+``distortion_inverse``              undoing a lens where it can be undone
+``homography``                      the plane's homography, by the direct linear transform
+``zhang``                           camera matrix and pose from homographies, in closed form
+``calibration``                     calibrate_camera: from corners to a camera with its uncertainty
+``initialisation``                  where the iteration starts
+``bundle``                          bundle adjustment: residuals, derivatives, block normal equations
+``bundle_kernels``                  the same, compiled
+``bundle_solver``                   Levenberg–Marquardt on the blocks
+``bundle_problem``                  from lists of views to flat arrays
+``board_shape``                     the board's shape as unknowns
+``covariance``                      how sure the answer is
+``propagation``                     what that means for pixels and for points in space
+``losses``                          robust losses
+``parameters``                      which parameters are free, held or tied, by name
+``pose``                            poses of a board seen by a known camera
+``views``                           points as users pass them, in one layout
+``undistortion``                    maps that straighten an image
+``resampling``                      images looked up at fractional places
+==================================  ==========================================================================
+"""

@@ -172,7 +172,9 @@ def distort_points(points: ArrayLike, K: ArrayLike, dist: ArrayLike | None, *, m
     ndarray of shape (N, 2)
         Pixels of the real camera; NaN where the model has no answer.
 
-    Notes ----- Inverse of :func:`undistort_points` with its default frame. OpenCV 5.0's ``cv2.distortPoints`` takes
+    Notes
+    -----
+    Inverse of :func:`undistort_points` with its default frame. OpenCV 5.0's ``cv2.distortPoints`` takes
     normalised points.
     """
     matrix = as_camera_matrix(K)
@@ -212,7 +214,9 @@ def undistort_points(
         Pixels of the camera P. NaN where the lens model cannot be undone (see ``distortion_inverse``), or where R
         turns the ray behind the camera.
 
-    Notes ----- Answers to ``cv2.undistortPoints``, with two differences: without P it returns pixels of K, OpenCV the
+    Notes
+    -----
+    Answers to ``cv2.undistortPoints``, with two differences: without P it returns pixels of K, OpenCV the
     normalised plane; and OpenCV stops after five iterations and returns a wrong point where there is none.
     """
     matrix = as_camera_matrix(K)

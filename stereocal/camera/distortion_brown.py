@@ -38,7 +38,7 @@ class Brown(ForwardModel):
     """
 
     name = "brown"
-    parameter_names = NAMES[:5]
+    parameter_names: tuple[str, ...] = NAMES[:5]
 
     def distort(self, x: Float, k: Float) -> Float:
         """Return x_d = x f(r²) + tangential + thin prism, through the tilt if there is one."""
@@ -131,7 +131,9 @@ def radial_limit(k: Float) -> float:
     -------
     float
 
-    Notes ----- d/dr (r c/q) = ((c + 2s c′) q − 2s c q′) / q², s = r²: the first positive root of a polynomial in s,
+    Notes
+    -----
+    d/dr (r c/q) = ((c + 2s c′) q − 2s c q′) / q², s = r²: the first positive root of a polynomial in s,
     or the pole of q.
     """
     k = _padded(np.asarray(k, dtype=np.float64))

@@ -75,7 +75,9 @@ def project_points(
     InputError
         If an argument has the wrong shape or is not finite.
 
-    Notes ----- Paper: [eq 11, 13, 14]. Answers to ``cv2.projectPoints``, derivatives included (agreement 1e-10
+    Notes
+    -----
+    Paper: [eq 11, 13, 14]. Answers to ``cv2.projectPoints``, derivatives included (agreement 1e-10
     relative), but for points behind the camera, which OpenCV projects as if they stood in front of it.
     """
     X = as_points(object_points, 3, "object_points")

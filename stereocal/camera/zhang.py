@@ -1,0 +1,217 @@
+"""Zhang's closed form: the camera matrix from the homographies of a plane, the pose from one of them.
+
+The homography of a board z = 0 is H = [h1 h2 h3] = λ K [r1 r2 t]. r1 and r2 are unit vectors at a right angle, so
+with the symmetric B = K⁻ᵀK⁻¹ (the image of the absolute conic)
+
+    h1ᵀ B h2 = 0,        h1ᵀ B h1 − h2ᵀ B h2 = 0.
+
+Both are linear in b = (B11, B12, B22, B13, B23, B33): with v_ij the row for which h_iᵀ B h_j = v_ijᵀ b, each view
+gives the two rows v12ᵀ and (v11 − v22)ᵀ of V b = 0. b is the right singular vector of V for its smallest singular
+value, and B its matrix, which is positive definite up to sign if there is a camera behind it. Then B ∝ K⁻ᵀK⁻¹ is a
+Cholesky factorisation, and K its inverse (Zhang's appendix B writes that factorisation out).
+
+What is known beforehand leaves b with fewer unknowns, and fewer views suffice:
+
+==============================  ==============  =================================================
+known                           unknowns of b   views
+==============================  ==============  =================================================
+nothing                         6               3
+zero skew (B12 = 0)             5               2
+principal point, zero skew      3               1 (origin moved there: B12 = B13 = B23 = 0)
+==============================  ==============  =================================================
+
+Boards that stand parallel give the same two equations again and again: their planes share one vanishing line. V then
+has two small singular values, not one. That is what degeneracy means here, whatever the number of views.
+
+Pose: λ = 1/‖K⁻¹h1‖ (mean of the first two columns'), r1 = λK⁻¹h1, r2 = λK⁻¹h2, r3 = r1 × r2, t = λK⁻¹h3, and [r1 r2
+r3], not quite orthogonal for noise, is replaced by the nearest rotation, U Vᵀ of its singular value decomposition.
+
+Source: Zhang, *A flexible new technique for camera calibration*, PAMI 22 (2000), section 3.1 and appendices B and C.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from stereocal.base.checks import Float, as_array, as_camera_matrix
+from stereocal.base.errors import DegenerateGeometryError, InputError
+
+# Second smallest singular value of V (rows and columns balanced) below which it counts as zero.
+_RANK = 1e-9
+
+_ADVICE = "photograph the board tilted by 30 to 45 degrees, to a different side each time"
+
+
+def zhang_intrinsics(
+    homographies: Sequence[ArrayLike] | ArrayLike,
+    *,
+    skew: bool | None = None,
+    principal_point: ArrayLike | None = None,
+) -> Float:
+    """Find K from homographies of a plane: V b = 0, B = K⁻ᵀK⁻¹.
+
+    Parameters
+    ----------
+    homographies : sequence of (3, 3) array_like
+        From the board's plane to pixels, one a view.
+    skew : bool, optional
+        Whether K[0, 1] is unknown. By default it is, from three views on, as Zhang has it; with two, or with
+        `principal_point`, it is 0.
+    principal_point : array_like of 2 numbers, optional
+        (cx, cy) where it is known; then one view is enough, unless it is seen without tilt.
+
+    Returns
+    -------
+    ndarray of shape (3, 3)
+        K.
+
+    Raises
+    ------
+    InputError
+        If a homography is not a finite 3x3 matrix.
+    DegenerateGeometryError
+        If there are too few views, if all boards are parallel, or if B is not positive definite, so that there is no
+        such camera.
+
+    Notes
+    -----
+    OpenCV's ``initCameraMatrix2D`` solves the case of a known principal point only.
+    """
+    H = _stack(homographies)
+    if skew is None:
+        skew = len(H) >= 3 and principal_point is None
+    if skew and principal_point is not None:
+        raise InputError("skew cannot be estimated with a fixed principal_point; leave one of them out")
+    needed = 1 if principal_point is not None else 3 if skew else 2
+    if len(H) < needed:
+        raise DegenerateGeometryError(
+            f"{len(H)} views are too few: Zhang's closed form needs {needed} "
+            f"{'with skew' if skew else 'without skew'}; {_ADVICE}"
+        )
+    # Pixels are scaled to order one, or the entries of b would span six orders of magnitude.
+    centre = as_array(np.ravel(principal_point), (2,), "principal_point") if principal_point is not None else None
+    N = _image_normalization(H, centre)
+    b = _smallest_conic(N @ H, skew=skew, centred=centre is not None)
+    return np.asarray(_camera_of_conic(b, N))
+
+
+def zhang_pose(K: ArrayLike, H: ArrayLike) -> tuple[Float, Float]:
+    """Find the pose of a board from its homography: [r1 r2 t] = λ K⁻¹ H.
+
+    Parameters
+    ----------
+    K : array_like of shape (3, 3)
+        Camera matrix.
+    H : array_like of shape (3, 3)
+        Homography from the board's plane z = 0 to (undistorted) pixels.
+
+    Returns
+    -------
+    R : ndarray of shape (3, 3)
+        Rotation from board to camera, the nearest to what H says.
+    t : ndarray of shape (3,)
+        Translation; t[2] > 0: the board's origin is in front of the camera.
+
+    Raises
+    ------
+    DegenerateGeometryError
+        If H has no inverse: the board is seen edge-on.
+    """
+    matrix, h = as_camera_matrix(K), as_array(H, (3, 3), "H")
+    if abs(np.linalg.det(h / np.linalg.norm(h))) < 1e-14:
+        raise DegenerateGeometryError("the homography is singular: the board is seen edge-on; leave this view out")
+    R, t = poses_of_homographies(matrix, h[None])
+    return R[0], t[0]
+
+
+def poses_of_homographies(K: Float, H: Float) -> tuple[Float, Float]:
+    """Find all poses at once: H of shape (V, 3, 3) to R (V, 3, 3) and t (V, 3)."""
+    M = np.linalg.solve(K, H)
+    scale = 2 / (np.linalg.norm(M[:, :, 0], axis=1) + np.linalg.norm(M[:, :, 1], axis=1))
+    M = M * (scale * np.where(M[:, 2, 2] < 0, -1.0, 1.0))[:, None, None]
+    Q = np.concatenate([M[:, :, :2], np.cross(M[:, :, 0], M[:, :, 1])[:, :, None]], axis=2)
+    U, _, Vt = np.linalg.svd(Q)
+    # Q has a positive determinant, |r1 × r2|², and so has U Vᵀ
+    return U @ Vt, np.ascontiguousarray(M[:, :, 2])
+
+
+def _stack(homographies: Sequence[ArrayLike] | ArrayLike) -> Float:
+    H = np.asarray(homographies, dtype=np.float64)
+    if H.ndim == 2:
+        H = H[None]
+    H = as_array(H, (None, 3, 3), "homographies")
+    return H / np.linalg.norm(H, axis=(1, 2), keepdims=True)
+
+
+def _image_normalization(H: Float, centre: Float | None) -> Float:
+    """A similarity of the image that brings the boards' origins to order one; to the principal point, if known."""
+    with np.errstate(all="ignore"):
+        origins = H[:, :2, 2] / H[:, 2, 2:]
+    origins = origins[np.all(np.isfinite(origins), axis=1)]
+    middle = centre if centre is not None else (np.median(origins, axis=0) if len(origins) else np.zeros(2))
+    # the size of the image is not known: the origins' distance from (0, 0) tells its order of magnitude
+    scale = float(np.median(np.hypot(*origins.T))) if len(origins) else 1.0
+    scale = scale if scale > 0 else 1.0
+    return np.array([[1 / scale, 0, -middle[0] / scale], [0, 1 / scale, -middle[1] / scale], [0, 0, 1.0]])
+
+
+def _conic_rows(H: Float) -> Float:
+    """The two rows of each view, v12 and v11 − v22: (2V, 6)."""
+
+    def v(i: int, j: int) -> Float:
+        p, q = H[:, :, i], H[:, :, j]
+        return np.stack(
+            [
+                p[:, 0] * q[:, 0],
+                p[:, 0] * q[:, 1] + p[:, 1] * q[:, 0],
+                p[:, 1] * q[:, 1],
+                p[:, 2] * q[:, 0] + p[:, 0] * q[:, 2],
+                p[:, 2] * q[:, 1] + p[:, 1] * q[:, 2],
+                p[:, 2] * q[:, 2],
+            ],
+            axis=1,
+        )
+
+    # Each view counts the same, whatever the distance of its board.
+    scale = 1 / np.maximum(np.sum(H[:, :, 0] ** 2 + H[:, :, 1] ** 2, axis=1), 1e-300)[:, None]
+    return np.concatenate([v(0, 1) * scale, (v(0, 0) - v(1, 1)) * scale])
+
+
+def _smallest_conic(H: Float, *, skew: bool, centred: bool) -> Float:
+    """The b of least ‖V b‖ among those that the assumptions allow; its six entries."""
+    columns = [0, 2, 5] if centred else [0, 1, 2, 3, 4, 5] if skew else [0, 2, 3, 4, 5]
+    V = _conic_rows(H)[:, columns]
+    norms = np.linalg.norm(V, axis=0)
+    balance = np.where(norms > 1e-300, norms, 1.0)
+    singular_values, Vt = np.linalg.svd(V / balance)[1:]
+    unknowns = len(columns)
+    rank = int(np.count_nonzero(singular_values > _RANK * singular_values[0])) if singular_values[0] > 0 else 0
+    if rank < unknowns - 1:
+        raise DegenerateGeometryError(
+            f"all {len(H)} views show the board in parallel planes (or turned about its own normal only), which "
+            f"leaves the focal length open; {_ADVICE}"
+        )
+    b = np.zeros(6)
+    b[columns] = Vt[unknowns - 1] / balance
+    return b
+
+
+def _camera_of_conic(b: Float, N: Float) -> Float:
+    """K from B = K⁻ᵀK⁻¹ up to scale, in pixels: B = L Lᵀ, K ∝ L⁻ᵀ."""
+    B = np.array([[b[0], b[1], b[3]], [b[1], b[2], b[4]], [b[3], b[4], b[5]]])
+    B = B if np.trace(B) > 0 else -B
+    try:
+        K = np.linalg.inv(np.linalg.cholesky(B)).T
+    except np.linalg.LinAlgError as error:
+        raise DegenerateGeometryError(
+            "no camera fits the homographies (Zhang's B is not positive definite): the tilts are too small for the "
+            f"noise, or the lens distortion is strong; {_ADVICE}"
+        ) from error
+    K = np.linalg.inv(N) @ (K / K[2, 2])
+    K[1, 0] = K[2, 0] = K[2, 1] = 0.0
+    if abs(K[0, 1]) < 1e-12 * K[0, 0]:
+        K[0, 1] = 0.0
+    return np.asarray(K)

@@ -1,0 +1,331 @@
+"""Calibrating two cameras together: intrinsics, lens, R and T from the same boards seen by both.
+
+    F = Σ_i Σ_j ‖ y^L_ij − p̃(K_L, k_L, R_i, T_i, P_j) ‖² + ‖ y^R_ij − p̃(K_R, k_R, R R_i, R T_i + T, P_j) ‖²
+
+A pair of views has ONE pose of the board, in the left camera's frame; R and T take it to the right. So the right
+camera's corners help to place the board for the left, and the other way round: the intrinsics gain, and R, T are the
+best for all pairs at once.
+
+The way there: each camera by itself (``camera.calibration``), R and T of each pair from its two poses, R_i^R (R_i^L)ᵀ
+and so on, the medians of those as a start, and then the bundle engine on all unknowns (``camera.bundle``). With
+``fix_intrinsics`` only the poses, R and T are free: the classical second step, worse than the joint optimum.
+
+Pairs that disagree with the median by a large turn are the sign of corners counted from opposite ends in the two
+images (see ``pair.corner_order``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import block_diag
+
+from stereocal.base.checks import Float, as_image_size, require_choice, require_positive
+from stereocal.base.errors import DegenerateGeometryError, InputError
+from stereocal.base.rotations import rotation_matrix, rotation_vector
+from stereocal.camera.bundle import Bundle, BundleState, residuals
+from stereocal.camera.bundle_problem import camera_of, intrinsics_of, make_bundle, whitening_of
+from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
+from stereocal.camera.calibration import CameraCalibration, calibrate_camera
+from stereocal.camera.covariance import BundleCovariance, bundle_covariance
+from stereocal.camera.distortion import distortion_model
+from stereocal.camera.losses import LOSSES
+from stereocal.camera.model import Camera
+from stereocal.camera.parameters import fixed_names, free_columns, intrinsic_names
+from stereocal.camera.pose import estimate_poses
+from stereocal.camera.views import as_views
+from stereocal.pair.rig import StereoRig
+
+_SIDES = ("left", "right")
+
+
+@dataclass(frozen=True, eq=False)
+class StereoCalibration:
+    """What :func:`calibrate_stereo` found.
+
+    Attributes
+    ----------
+    rig : StereoRig
+        Both cameras, R and T with X_right = R X_left + T.
+    rms, left_rms, right_rms : float
+        √(Σ‖d‖² / N points), pixels, over both images, and over each.
+    view_rms : ndarray of shape (V, 2)
+        The same, a pair and image (left, right).
+    rvecs, tvecs : ndarray of shape (V, 3)
+        Pose of the board in the left camera's frame.
+    residuals : tuple of two lists of ndarray of shape (N, 2)
+        Measured minus projected, pixels, left and right, a pair.
+    parameter_names : tuple of str
+        ``"left.fx"`` … ``"right.fx"`` … ``"rvec_x"`` … ``"T_x"`` …, the order of `covariance`.
+    covariance : ndarray of shape (n, n)
+        Of the parameters named; rows of 0 for what was held.
+    std : ndarray of shape (n,)
+        Its square roots of the diagonal.
+    baseline_std : float
+        Standard deviation of the baseline ‖T‖.
+    pose_covariances : ndarray of shape (V, 6, 6)
+        Of each pair's (rvec, tvec).
+    iterations : int
+        Steps of the solver.
+    converged : bool
+        Whether it reached an optimum.
+    reason : str
+        The test that ended it.
+    left, right : CameraCalibration or None
+        The two cameras by themselves, where they were calibrated on the way.
+    joint : BundleCovariance
+        All covariances, cross terms too.
+    """
+
+    rig: StereoRig
+    rms: float
+    left_rms: float
+    right_rms: float
+    view_rms: Float
+    rvecs: Float
+    tvecs: Float
+    residuals: tuple[list[Float], list[Float]]
+    parameter_names: tuple[str, ...]
+    covariance: Float
+    std: Float
+    baseline_std: float
+    pose_covariances: Float
+    iterations: int
+    converged: bool
+    reason: str
+    left: CameraCalibration | None
+    right: CameraCalibration | None
+    joint: BundleCovariance = field(repr=False)
+
+    def summary(self) -> str:
+        """Return the result in a few lines of text, each parameter with its standard deviation."""
+        om, T = rotation_vector(self.rig.R), self.rig.T
+        lines = [
+            f"{len(self.rvecs)} pairs, RMS {self.rms:.4f} px (left {self.left_rms:.4f}, right {self.right_rms:.4f}), "
+            f"{'converged' if self.converged else 'NOT converged'} ({self.reason}) in {self.iterations} steps"
+        ]
+        values = [*intrinsics_of(self.rig.left), *intrinsics_of(self.rig.right), *om, *T]
+        for name, value, std in zip(self.parameter_names, values, self.std, strict=True):
+            lines.append(f"  {name:12s} {value:14.6g}" + (f"  ± {std:.2g}" if std > 0 else "  held"))
+        lines.append(f"  {'baseline':12s} {self.rig.baseline:14.6g}  ± {self.baseline_std:.2g}")
+        return "\n".join(lines)
+
+
+def calibrate_stereo(
+    object_points: ArrayLike | Sequence[ArrayLike],
+    left_points: Sequence[ArrayLike],
+    right_points: Sequence[ArrayLike],
+    image_size: tuple[int, int],
+    *,
+    model: str = "brown",
+    fix_intrinsics: bool = False,
+    left: Camera | None = None,
+    right: Camera | None = None,
+    fix: str | Collection[str] = (),
+    loss: str = "linear",
+    loss_scale: float = 1.0,
+    left_covariances: Sequence[ArrayLike] | None = None,
+    right_covariances: Sequence[ArrayLike] | None = None,
+    skew: bool = False,
+    aspect_ratio: float | None = None,
+    right_image_size: tuple[int, int] | None = None,
+    max_iterations: int = 200,
+) -> StereoCalibration:
+    """Find both cameras, R, T and the poses that minimise the reprojection error in both images.
+
+    Parameters
+    ----------
+    object_points : array_like of shape (N, 3), or sequence of them
+        Board points; one array for all pairs, or one a pair.
+    left_points, right_points : sequence of array_like of shape (N, 2)
+        Corners, pixels, one array a pair, in the same order in both.
+    image_size : (int, int)
+        Width and height, pixels, of the left image (and of the right, unless `right_image_size` is given).
+    model : str
+        Lens model of both cameras, see ``camera.distortion``; that of `left` and `right` where those are given.
+    fix_intrinsics : bool
+        Whether the cameras are held and only R, T and the poses are found.
+    left, right : Camera, optional
+        Cameras to hold, or to start from; otherwise each is calibrated by itself first.
+    fix : str or collection of str
+        Parameters held, by name: ``"k3"`` for both cameras, ``"left.k3"`` for one.
+    loss, loss_scale, skew, aspect_ratio, max_iterations
+        As in :func:`~stereocal.camera.calibration.calibrate_camera`.
+    left_covariances, right_covariances : sequence of array_like of shape (N, 2, 2), optional
+        Covariance of each corner, px².
+    right_image_size : (int, int), optional
+        Where it differs.
+
+    Returns
+    -------
+    StereoCalibration
+
+    Raises
+    ------
+    InputError
+        If the lists differ in length, or an argument has the wrong shape or value.
+    DegenerateGeometryError
+        If the views do not determine the cameras.
+
+    Notes
+    -----
+    Paper: section 2. Answers to ``cv2.stereoCalibrate`` with ``CALIB_USE_INTRINSIC_GUESS`` (with
+    ``CALIB_FIX_INTRINSIC`` for `fix_intrinsics`): the same optimum as OpenCV 5.0; OpenCV 4's default stops long
+    before it.
+    """
+    sizes = (as_image_size(image_size), as_image_size(right_image_size or image_size))
+    require_choice(loss, LOSSES, "loss")
+    require_positive(loss_scale, "loss_scale")
+    objects, images = _paired_views(object_points, left_points, right_points)
+    covariances = (left_covariances, right_covariances)
+    given = (left, right)
+    if fix_intrinsics and (left is None) != (right is None):
+        raise InputError(
+            "fix_intrinsics needs both cameras, left= and right=, or neither (each is then calibrated first)"
+        )
+
+    cameras, alone, poses = [], [], []
+    for side in (0, 1):
+        seen = [i for i, y in enumerate(images[side]) if len(y)]
+        X, y = [objects[side][i] for i in seen], [images[side][i] for i in seen]
+        camera, calibration = given[side], None
+        if camera is None:
+            here = covariances[side]
+            calibration = calibrate_camera(
+                X, y, sizes[side], model=model, fix=_fix_of_side(fix, side), loss=loss, loss_scale=loss_scale,
+                skew=skew, aspect_ratio=aspect_ratio, covariances=None if here is None else [here[i] for i in seen],
+            )  # fmt: skip
+            camera = calibration.camera
+            rvecs, tvecs = calibration.rvecs, calibration.tvecs
+        else:
+            rvecs, tvecs = estimate_poses(X, y, camera)
+        cameras.append(camera)
+        alone.append(calibration)
+        poses.append({i: (rotation_matrix(r), t) for i, r, t in zip(seen, rvecs, tvecs, strict=True)})
+
+    R, T = _median_rig(poses[0], poses[1])
+    models = [distortion_model(camera.model) for camera in cameras]
+    held = [
+        set(intrinsic_names(m)) if fix_intrinsics else fixed_names(m, fix, skew=skew, camera=s, cameras=_SIDES)
+        for m, s in zip(models, _SIDES, strict=True)
+    ]
+    parts = [free_columns(intrinsic_names(m), h, aspect_ratio) for m, h in zip(models, held, strict=True)]
+    bundle = make_bundle(models, objects, images, np.asarray(block_diag(*parts, np.eye(6))))
+    bundle.whitening = whitening_of(covariances, images)
+    bundle.loss, bundle.loss_scale = loss, loss_scale
+    R_views, t_views = _left_poses(poses[0], poses[1], R, T, len(images[0]))
+    state = BundleState(
+        [intrinsics_of(c) for c in cameras], np.stack([np.eye(3), R]), np.stack([np.zeros(3), T]), R_views, t_views
+    )
+    solution = solve_bundle(bundle, state, max_iterations=max_iterations)
+    return _result(bundle, solution, cameras, alone)
+
+
+def _paired_views(
+    object_points: ArrayLike | Sequence[ArrayLike], left_points: Sequence[ArrayLike], right_points: Sequence[ArrayLike]
+) -> tuple[list[list[Float]], list[list[Float]]]:
+    """Return boards and corners of both sides; a view that one camera missed has no rows there."""
+    if len(left_points) != len(right_points):
+        raise InputError(
+            f"left_points has {len(left_points)} views and right_points {len(right_points)}; they must be pairs, with "
+            "None where one camera missed the board"
+        )
+    left_objects, left_images = as_views(object_points, left_points, "left_points")
+    right_objects, right_images = as_views(object_points, right_points, "right_points")
+    both = [i for i, (a, b) in enumerate(zip(left_images, right_images, strict=True)) if len(a) and len(b)]
+    if not both:
+        raise DegenerateGeometryError(
+            "no view shows the board to both cameras, so that R and T are unknown; photograph the board where both "
+            "see it"
+        )
+    empty = [i for i, (a, b) in enumerate(zip(left_images, right_images, strict=True)) if not len(a) and not len(b)]
+    if empty:
+        raise InputError(f"view {', '.join(map(str, empty))} has corners in neither image; leave it out")
+    return [left_objects, right_objects], [left_images, right_images]
+
+
+def _fix_of_side(fix: str | Collection[str], side: int) -> list[str]:
+    """The names of `fix` that hold for one camera, without its prefix."""
+    entries = [fix] if isinstance(fix, str) else list(fix)
+    unknown = [e for e in entries if "." in e and e.split(".")[0] not in _SIDES]
+    if unknown:
+        raise InputError(f"fix names {unknown[0]!r}, but the cameras are called left and right")
+    return [e.removeprefix(_SIDES[side] + ".") for e in entries if "." not in e or e.startswith(_SIDES[side] + ".")]
+
+
+def _median_rig(left: dict[int, tuple[Float, Float]], right: dict[int, tuple[Float, Float]]) -> tuple[Float, Float]:
+    """The pair's R = R_R R_Lᵀ, T = t_R − R t_L that is nearest to all others (medoid): a turned pair has no say."""
+    common = sorted(set(left) & set(right))
+    Rs = np.stack([right[i][0] @ left[i][0].T for i in common])
+    Ts = np.stack([right[i][1] - R @ left[i][1] for i, R in zip(common, Rs, strict=True)])
+    scale = np.median([np.linalg.norm(left[i][1]) for i in common])
+    turn = np.linalg.norm((Rs[:, None] - Rs[None]).reshape(len(common), len(common), 9), axis=2)
+    shift = np.linalg.norm(Ts[:, None] - Ts[None], axis=2) / scale
+    best = int(np.argmin(np.median(turn + shift, axis=1)))
+    near = (turn + shift)[best] <= 2 * np.median((turn + shift)[best]) + 1e-12
+    U, _, Vt = np.linalg.svd(Rs[near].mean(axis=0))
+    return U @ Vt, np.median(Ts[near], axis=0)
+
+
+def _left_poses(
+    left: dict[int, tuple[Float, Float]], right: dict[int, tuple[Float, Float]], R: Float, T: Float, count: int
+) -> tuple[Float, Float]:
+    """Poses in the left camera's frame; of views that only the right one saw, by R and T."""
+    R_views, t_views = np.empty((count, 3, 3)), np.empty((count, 3))
+    for i in range(count):
+        if i in left:
+            R_views[i], t_views[i] = left[i]
+        else:
+            R_views[i], t_views[i] = R.T @ right[i][0], R.T @ (right[i][1] - T)
+    return R_views, t_views
+
+
+def _result(
+    bundle: Bundle, solution: BundleSolution, cameras: list[Camera], alone: list[CameraCalibration | None]
+) -> StereoCalibration:
+    state = solution.state
+    both = [camera_of(t, c.image_size, m) for t, c, m in zip(state.intrinsics, cameras, bundle.models, strict=True)]
+    rig = StereoRig(both[0], both[1], state.R_rig[1], state.t_rig[1])
+    joint = bundle_covariance(bundle, state, solution.equations)
+    names = [f"{s}.{n}" for s, m in zip(_SIDES, bundle.models, strict=True) for n in intrinsic_names(m)]
+    names += ["rvec_x", "rvec_y", "rvec_z", "T_x", "T_y", "T_z"]
+    direction = rig.T / rig.baseline if rig.baseline > 0 else np.zeros(3)
+    of_T = joint.shared[bundle.rig_slices[1], bundle.rig_slices[1]][3:, 3:]
+
+    d = -residuals(bundle, state)
+    squares = np.sum(d * d, axis=1)
+    views = len(state.R_views)
+    per_side: tuple[list[Float], list[Float]] = ([np.zeros((0, 2))] * views, [np.zeros((0, 2))] * views)
+    view_rms = np.full((views, 2), np.nan)
+    sums = np.zeros(2)
+    counts = np.zeros(2)
+    for block, (camera, view) in enumerate(zip(bundle.camera_of_block, bundle.view_of_block, strict=True)):
+        part = slice(bundle.offsets[block], bundle.offsets[block + 1])
+        per_side[camera][view] = d[part]
+        view_rms[view, camera] = np.sqrt(squares[part].mean())
+        sums[camera] += squares[part].sum()
+        counts[camera] += len(squares[part])
+    return StereoCalibration(
+        rig=rig,
+        rms=float(np.sqrt(squares.mean())),
+        left_rms=float(np.sqrt(sums[0] / counts[0])),
+        right_rms=float(np.sqrt(sums[1] / counts[1])),
+        view_rms=view_rms,
+        rvecs=np.stack([rotation_vector(R) for R in state.R_views]),
+        tvecs=state.t_views.copy(),
+        residuals=per_side,
+        parameter_names=tuple(names),
+        covariance=joint.shared[: len(names), : len(names)],
+        std=np.sqrt(np.diag(joint.shared)[: len(names)]),
+        baseline_std=float(np.sqrt(direction @ of_T @ direction)),
+        pose_covariances=joint.views,
+        iterations=solution.iterations,
+        converged=solution.converged,
+        reason=solution.reason,
+        left=alone[0],
+        right=alone[1],
+        joint=joint,
+    )
