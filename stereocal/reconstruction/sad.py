@@ -238,6 +238,7 @@ def slide_window(
     left_right: int = -1,
     cost: NDArray[np.int32] | None = None,
     threads: int | None = None,
+    vectors: bool = True,
 ) -> None:
     """Run the kernel over `rows` and `columns` of `disparity`, wherever that is not NaN on entry.
 
@@ -260,18 +261,49 @@ def slide_window(
     threads : int, optional
         As in the matchers.
     """
-    from stereocal.reconstruction import sad_kernels as kernels
+    from numba import config
 
     radius = block_size // 2
-    width = left.shape[1]
     largest = min_disparity + num_disparities - 1
     beside = np.arange(columns.start - radius, columns.stop + radius)
-    left_column = np.clip(beside, 0, width - 1)
-    right_start = np.clip(beside - largest, 0, width - num_disparities)
-    scratch = np.empty((len(beside), num_disparities), np.int32)
-    modes: dict[str, Any] = {"none": 0, "opencv": 1, "parabola": 2}
-    kernels.match_rows(
-        left, right, left_column, right_start, radius, rows.start, rows.stop, largest, num_disparities,
-        columns.start, uniqueness_ratio, modes[subpixel], left_right, scratch, disparity,
-        np.empty((0, 0), np.int32) if cost is None else cost,
+    left_column = np.clip(beside, 0, left.shape[1] - 1)
+    right_start = np.clip(beside - largest, 0, left.shape[1] - num_disparities)
+    mode = ("none", "opencv", "parabola").index(subpixel)
+    kernel = _match_band if config.DISABLE_JIT or not vectors else _match_band_vector
+    kernel(
+        left, right, left_column, right_start, radius, (rows.start, rows.stop), columns.start, largest, num_disparities,
+        uniqueness_ratio, mode, left_right, disparity, np.empty((0, 0), np.int32) if cost is None else cost,
     )  # fmt: skip
+
+
+def _match_band(left, right, left_column, right_start, radius, rows, first_x, largest, count, uniqueness_ratio, mode, left_right, disparity, cost):
+    from stereocal.reconstruction import sad_kernels as kernels
+
+    n = len(left_column) - 2 * radius
+    kernels.match_rows(left, right, left_column, right_start, radius, rows, first_x, largest, count, uniqueness_ratio, mode, left_right,
+        np.empty((len(left_column), count), np.int32), np.empty(count, np.int32), np.empty(left.shape[1], np.int32), np.empty(left.shape[1], np.int32),
+        np.zeros((4, n), np.int32), disparity, cost)
+
+
+def _match_band_vector(left, right, left_column, right_start, radius, rows, first_x, largest, count, uniqueness_ratio, mode, left_right, disparity, cost):
+    from stereocal.reconstruction import sad_kernels as kernels
+    from stereocal.reconstruction.vector_primitives import lanes_of
+
+    n = len(left_column) - 2 * radius
+    greatest = max(int(left.max()), int(right.max()))
+    lanes = -(-count // 16) * 16
+    kind = np.uint16 if (2*radius+1)**2 * greatest < 65535 and left.shape[1] < 65536 else np.uint32
+    guard = np.iinfo(kind).max
+    window = np.full(lanes + 2, guard, kind)
+    beyond = None
+    if lanes > count:
+        right = np.pad(right, ((0,0),(0,lanes-count)))
+        beyond = np.zeros(lanes, kind)
+        beyond[count:] = guard
+    rs = rw = None
+    if left_right >= 0:
+        rs = np.empty(left.shape[1]+lanes, kind)
+        rw = np.empty(left.shape[1]+lanes, kind)
+    kernels.match_rows_vector(left, right, left_column, right_start, radius, rows, first_x, largest, count, uniqueness_ratio, mode, left_right,
+        lanes_of(lanes), np.empty(len(left_column)* lanes, np.uint16), window, beyond, rs, rw,
+        np.zeros((4, n), np.int32), disparity, cost)

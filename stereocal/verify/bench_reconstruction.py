@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from stereocal.reconstruction.block_matching import match_bm
-from stereocal.reconstruction.sad import matched_region, match_sad
+from stereocal.reconstruction.sad import match_sad, matched_region
 from stereocal.reconstruction.speckles import filter_speckles
 from stereocal.verify.bench import BenchCase
 
@@ -45,10 +45,11 @@ def textured_pair(size: tuple[int, int], disparities: int) -> Pair:
     for sigma in (0.8, 2.0, 6.0, 20.0):
         layer = gaussian_filter(rng.standard_normal(texture.shape), sigma)
         texture += layer / layer.std() * np.sqrt(sigma)
-    blank = gaussian_filter(rng.standard_normal(texture.shape), 25) > 0.03
+    patches = gaussian_filter(rng.standard_normal(texture.shape), 25)
+    blank = patches > 1.3 * patches.std()
     texture[blank] = texture.mean()
     texture = 128 + 25 * texture / texture.std()
-    depth = gaussian_filter(rng.standard_normal((height, width)), 40)
+    depth = gaussian_filter(rng.standard_normal((height, width)), 0.6 * disparities)
     depth = 0.2 + 0.6 * (depth - depth.min()) / np.ptp(depth)
     shifted = np.arange(width) + disparities * (1 - depth)  # left(x) = texture(x + D − d), right(x) = texture(x + D)
     left = np.stack([np.interp(x, np.arange(texture.shape[1]), row) for x, row in zip(shifted, texture, strict=True)])
@@ -66,7 +67,7 @@ def differing_pixels(ours: NDArray[Any], theirs: NDArray[Any]) -> str:
 def _block_matching(size: tuple[int, int], disparities: int, block: int) -> BenchCase:
     import cv2
 
-    matcher = cv2.StereoBM_create(disparities, block)
+    matcher = cv2.StereoBM.create(disparities, block)
 
     def ours() -> NDArray[Any]:
         return match_bm(*textured_pair(size, disparities), num_disparities=disparities, block_size=block, threads=1)
