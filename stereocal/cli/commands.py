@@ -25,6 +25,7 @@ app = App(
     name="stereocal",
     version=__version__,
     help_format="markdown",
+    suppress_keyboard_interrupt=False,
     help="Stereo camera calibration and disparity maps, every algorithm its own, each checked against OpenCV.\n\n"
     "Start with `stereocal demo`. With your own photographs: `stereocal board` prints a target, `stereocal calibrate` "
     "turns two folders of photographs into a calibrated rig and a report, `stereocal disparity` makes depth of a pair.",
@@ -63,7 +64,7 @@ def _answer(output: Output | None, document: Callable[[], object], summary: Iter
         print_json(document())
         return
     console = results()
-    for line in summary:
+    for line in list(summary):  # all of it first: a summary is not cut off half way
         console.print(line)
 
 
@@ -183,6 +184,7 @@ def calibrate(
     out: Path = Path("out"),
     side_by_side: Annotated[bool, Parameter(negative="")] = False,
     skip_bad: Annotated[bool, Parameter(negative="")] = False,
+    max_tilt: float = 60.0,
     output: Output | None = None,
 ) -> None:
     """Calibrate a stereo rig from photographs of a chessboard.
@@ -207,6 +209,8 @@ def calibrate(
         LEFT holds frames with both images side by side.
     skip_bad : bool
         Go on without photographs that cannot be read, have another size, or have no partner.
+    max_tilt : float
+        Leave out views that see the board more from the side than this (degrees), if ten others remain.
     """
     with _usage():
         corners, length = parse_inner_corners(inner_corners), parse_length(square)
@@ -216,7 +220,15 @@ def calibrate(
     from stereocal.workflow.calibrations import calibrate_rig
 
     run = calibrate_rig(
-        left, right, corners, square=length, model=model, out=out, skip_bad=skip_bad, progress=Terminal()
+        left,
+        right,
+        corners,
+        square=length,
+        model=model,
+        out=out,
+        skip_bad=skip_bad,
+        max_tilt=max_tilt,
+        progress=Terminal(),
     )
     _answer(output, run.as_dict, summarize_calibration(run))
 

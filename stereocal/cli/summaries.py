@@ -16,11 +16,11 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from stereocal.report.verdicts import Verdict, worst
 from stereocal.workflow.boards import DetectionRun
 from stereocal.workflow.calibrations import CalibrationRun
 from stereocal.workflow.depth_maps import DepthMapRun
 from stereocal.workflow.rectified_pairs import RectificationRun
-from stereocal.workflow.targets import TargetRun
 
 
 def summarize_detection(run: DetectionRun) -> Iterator[RenderableType]:
@@ -57,12 +57,14 @@ def summarize_calibration(run: CalibrationRun) -> Iterator[RenderableType]:
             yield Text(f"  left out  {names}: {record.reason}")
         elif record.flipped:
             yield Text(f"  repaired  {names}: corners came from opposite ends of the board; put into one order")
+    if run.board.is_symmetric and not any(record.flipped for record in run.pairs):
+        yield "  checked   the board looks the same after half a turn: left and right have one corner order in every pair"
     for sentence in run.skipped:
         yield Text(f"  skipped   {sentence}")
     yield ""
     yield (
         f"[bold]RMS {calibration.rms:.3f} px[/]  left {calibration.left_rms:.3f}, right {calibration.right_rms:.3f}; "
-        f"each camera alone {run.fit.left.rms:.3f}, {run.fit.right.rms:.3f}"
+        f"each camera alone {calibration.left.rms:.3f}, {calibration.right.rms:.3f}"
     )
     yield "  [dim]root mean square distance between found and predicted corners, as OpenCV counts it[/]"
     yield f"[bold]baseline {rig.baseline:.4f}[/] {unit}"
@@ -91,13 +93,19 @@ def _camera_table(run: CalibrationRun) -> Table:
 
 
 def _verdicts(run: CalibrationRun) -> Iterator[RenderableType]:
-    colours = {"good": "green", "usable": "yellow", "bad": "red"}
+    """The verdict on the whole, and whatever is not good with what to do about it."""
     if run.report is None:
         return
-    yield ""
-    for verdict in run.report.verdicts:
-        colour = colours.get(verdict.grade, "default")
-        yield f"[{colour}]{verdict.grade:<7}[/] {escape(verdict.sentence)}"
+    colours = {"good": "green", "usable": "yellow", "bad": "red"}
+    overall = run.report.overall
+    yield f"\n[bold]verdict: [{colours[overall]}]{overall}[/][/]"
+    by_action: dict[str, list[Verdict]] = {}
+    for verdict in run.report.actions:
+        by_action.setdefault(verdict.action, []).append(verdict)
+    for action, verdicts in by_action.items():
+        grade = worst([verdict.verdict for verdict in verdicts])
+        figures = ", ".join(f"{verdict.name} {verdict.spelt_value}" for verdict in verdicts)
+        yield f"  [{colours[grade]}]{grade:<6}[/]  {escape(figures)}\n          {escape(action)}"
 
 
 def summarize_rectification(run: RectificationRun) -> Iterator[RenderableType]:
@@ -129,19 +137,6 @@ def summarize_depth_map(run: DepthMapRun) -> Iterator[RenderableType]:
         yield f"        {2 * settings['num_disparities']} or more"
     yield from _files(run.files, run.folder)
     yield from _next(f"look at {run.folder / 'disparity_figure.png'}, or open {run.folder / 'cloud.ply'} in MeshLab")
-
-
-def summarize_target(run: TargetRun) -> Iterator[RenderableType]:
-    """What to print, and what to check after printing."""
-    yield f"[bold]{run.path}[/]: {run.board} inner corners, squares of {run.square}, on {run.paper}"
-    for sentence in run.advice:
-        yield Text(f"  {sentence}")
-    yield from _next(
-        "print it at 100 % (not 'fit to page'), measure ten squares with a ruler, glue it onto something flat",
-        _command(
-            "stereocal", "calibrate", "LEFT", "RIGHT", "--inner-corners", str(run.board), "--square", run.square_text
-        ),
-    )
 
 
 def _files(files: tuple[Path, ...], folder: Path | None = None) -> Iterator[RenderableType]:

@@ -29,6 +29,7 @@ from stereocal.workflow.photographs import Pair, Photograph, pair_photographs
 from stereocal.workflow.progress import Progress, Silent
 from stereocal.workflow.quantities import Length, parse_inner_corners, parse_length
 from stereocal.workflow.rig_fitting import PairRecord, RigFit, fit_rig
+from stereocal.workflow.view_selection import MAX_TILT
 
 NO_PARTNER = "has no partner on the other side: give both photographs of a pair the same name"
 
@@ -91,6 +92,7 @@ def calibrate_rig(
     model: str = "brown",
     out: str | os.PathLike[str] = "out",
     skip_bad: bool = False,
+    max_tilt: float = MAX_TILT,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> CalibrationRun:
@@ -111,6 +113,8 @@ def calibrate_rig(
     skip_bad : bool
         Whether photographs that cannot be read, have another size or have no partner are left out instead of ending
         the job.
+    max_tilt : float
+        Degrees; views that see the board more from the side are left out if enough others remain.
     workers : int, optional
         Threads for the detection.
     progress : Progress, optional
@@ -137,7 +141,7 @@ def calibrate_rig(
         _stop_or_go_on(unusable, skip_bad)
         problems += unusable
         with watch.stage("Calibrating"):
-            fit = fit_rig(records, board, model=model)
+            fit = fit_rig(records, board, model=model, max_tilt=max_tilt)
         run = CalibrationRun(
             board=board,
             square=length,

@@ -4,7 +4,8 @@ In this order, because each step can only be trusted after the one before:
 
 1. pairs in which either photograph does not show the board;
 2. corner order: where the board looks the same after half a turn, left and right are brought into one order;
-3. each camera alone: a view whose residual stands out has wrong corners, whatever the other camera says;
+3. each camera alone: a view whose residual stands out has wrong corners, whatever the other camera says, and one that
+   sees the board from the side costs more than it brings;
 4. the rig that each pair sees: photographs of different moments see another rig than the rest;
 5. the joint fit, and once more without the pairs that stand out in it.
 """
@@ -26,7 +27,7 @@ from stereocal.pair.corner_order import repair_corner_order
 from stereocal.pair.stereo_calibration import StereoCalibration, calibrate_stereo
 from stereocal.workflow.boards import FoundBoard
 from stereocal.workflow.photographs import Pair
-from stereocal.workflow.view_selection import outlying_views, rig_disagreement
+from stereocal.workflow.view_selection import ENOUGH_VIEWS, MAX_TILT, board_tilts, outlying_views, rig_disagreement
 
 MIN_PAIRS = 3
 """Zhang's closed form needs three views for its five intrinsics."""
@@ -86,20 +87,21 @@ class RigFit:
     ----------
     calibration : StereoCalibration
         The joint fit.
-    left, right : CameraCalibration
-        Each camera alone, on the same views.
+    view_rms : ndarray of shape (V,)
+        RMS of each pair over the corners of both images, px.
     left_points, right_points : list of ndarray of shape (N, 2)
         The corners, in one order, px.
     """
 
     calibration: StereoCalibration
-    left: CameraCalibration
-    right: CameraCalibration
+    view_rms: Float
     left_points: list[Float]
     right_points: list[Float]
 
 
-def fit_rig(records: Sequence[PairRecord], board: Chessboard, *, model: str = "brown") -> RigFit:
+def fit_rig(
+    records: Sequence[PairRecord], board: Chessboard, *, model: str = "brown", max_tilt: float = MAX_TILT
+) -> RigFit:
     """Fit one rig to the pairs that show the board and agree; each record learns what became of it.
 
     Parameters
@@ -110,6 +112,8 @@ def fit_rig(records: Sequence[PairRecord], board: Chessboard, *, model: str = "b
         The target.
     model : str
         Distortion model of both cameras.
+    max_tilt : float
+        Degrees; a view tilted by more is left out if at least :data:`ENOUGH_VIEWS` others remain.
 
     Raises
     ------
@@ -128,18 +132,25 @@ def fit_rig(records: Sequence[PairRecord], board: Chessboard, *, model: str = "b
     if _leave_out(records, np.maximum(left.view_rms, right.view_rms), "has wrong corners"):
         _require_pairs(records, board)
         left, right = _fit_each(records, board, model)
+    if _leave_out_tilted(records, board, left, right, max_tilt):
+        left, right = _fit_each(records, board, model)
     disagreement = _disagreement(records, board, left, right)
     if _leave_out(records, disagreement, "sees another rig than most pairs (another moment, or a wrong partner)"):
         _require_pairs(records, board)
     calibration = _fit_jointly(records, board, model)
-    if _leave_out(records, calibration.view_rms, "does not fit the rig"):
+    if _leave_out(records, _both_images(calibration), "does not fit the rig"):
         _require_pairs(records, board)
         calibration = _fit_jointly(records, board, model)
     used = [record for record in records if record.used]
-    for record, rms in zip(used, calibration.view_rms, strict=True):
+    view_rms = _both_images(calibration)
+    for record, rms in zip(used, view_rms, strict=True):
         record.rms = float(rms)
-    left, right = _fit_each(records, board, model)
-    return RigFit(calibration, left, right, *_corners(used))
+    return RigFit(calibration, view_rms, *_corners(used))
+
+
+def _both_images(calibration: StereoCalibration) -> Float:
+    """RMS of each pair over both images: they have as many corners each, so their mean squares are averaged."""
+    return np.asarray(np.sqrt(np.mean(calibration.view_rms**2, axis=1)))
 
 
 def _missing_board(record: PairRecord, board: Chessboard) -> str:
@@ -187,13 +198,37 @@ def _fit_jointly(records: Sequence[PairRecord], board: Chessboard, model: str) -
     return calibrate_stereo(X, *_corners(used), size, model=model)
 
 
+def _poses(calibration: CameraCalibration) -> list[tuple[Float, Float]]:
+    return list(zip(calibration.rvecs, calibration.tvecs, strict=True))
+
+
+def _leave_out_tilted(
+    records: Sequence[PairRecord],
+    board: Chessboard,
+    left: CameraCalibration,
+    right: CameraCalibration,
+    max_tilt: float,
+) -> bool:
+    """Give the pairs that look at the board from the side a reason, if enough others remain."""
+    used = [record for record in records if record.used]
+    tilts = np.maximum(*(board_tilts(board.object_points, _poses(camera)) for camera in (left, right)))
+    tilted = tilts > max_tilt
+    if not tilted.any() or np.count_nonzero(~tilted) < ENOUGH_VIEWS:
+        return False
+    for record, out, tilt in zip(used, tilted, tilts, strict=True):
+        if out:
+            record.reason = (
+                f"seen too much from the side: the board is tilted by {tilt:.0f}°, and beyond {max_tilt:.0f}° its "
+                "foreshortening and bow cost more than the view brings (--max-tilt 90 keeps it)"
+            )
+    return True
+
+
 def _disagreement(
     records: Sequence[PairRecord], board: Chessboard, left: CameraCalibration, right: CameraCalibration
 ) -> Float:
     used = [record for record in records if record.used]
-    left_poses = list(zip(left.rvecs, left.tvecs, strict=True))
-    right_poses = list(zip(right.rvecs, right.tvecs, strict=True))
-    return rig_disagreement(board.object_points, _corners(used)[1], right.camera, left_poses, right_poses)
+    return rig_disagreement(board.object_points, _corners(used)[1], right.camera, _poses(left), _poses(right))
 
 
 def _leave_out(records: Sequence[PairRecord], errors: Float, what: str) -> bool:
