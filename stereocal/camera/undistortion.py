@@ -1,11 +1,21 @@
 """Undistortion maps: for every pixel of the new picture, where to look in the photograph.
 
-A new picture is made by *inverse* mapping. A pixel (u, v) of the new pinhole camera P, turned by R, is the ray
+A new picture is made by *inverse* mapping (see ``resampling``). A pixel (u, v) of the new pinhole camera P, turned by R
+against the real one, is the ray
 
-    (x, y, w)ᵀ = (P R)⁻¹ (u, v, 1)ᵀ,     (x, y) ← (x/w, y/w),
+    (X, Y, W)ᵀ = (P R)⁻¹ (u, v, 1)ᵀ,     (x, y) = (X/W, Y/W),
 
-which the real camera distorts to (x_d, y_d) and sees at (f_x x_d + c_x, f_y y_d + c_y). Distortion in this direction is a
-closed formula: no iteration is needed for a map.
+which the lens bends to (x_d, y_d) = x_d(x, y; k) and the sensor sees at (f_x x_d + s y_d + c_x, f_y y_d + c_y). In this
+direction the lens is a closed formula for the models of OpenCV's family: a map needs no iteration.
+
+Two maps belong together. The **undistortion map** takes pixels of the new picture to the photograph; with it one
+resamples the photograph into the new picture. The **distortion map** takes pixels of the photograph to the new picture;
+with it one draws something made in the new picture (a depth map, epipolar lines) over the photograph. Each is the
+other's inverse.
+
+Where the new picture shows directions that the lens formula was never fitted to, the polynomial may turn back and show
+the picture's middle once more beyond its edge. :func:`valid_pixels` tells the pixels that truly come from the camera:
+those whose place in the photograph, undistorted again, is the pixel itself.
 """
 
 from __future__ import annotations
@@ -15,26 +25,55 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stereocal.base.checks import Float, as_camera_matrix, as_image_size, as_rotation
+from stereocal.base.checks import Float, as_camera_matrix, as_image_size, as_rotation, require_choice
+from stereocal.base.errors import InputError
 
 if TYPE_CHECKING:
     from stereocal.camera.model import Camera
 
 OPENCV_FAMILY = ("pinhole", "polynomial", "brown", "rational", "thin_prism", "tilted")
+Map = NDArray[np.float32]
+# A pixel and the one that its place in the photograph comes back to: further apart than this, the lens formula folds.
+_RETURN_TOLERANCE = 0.5
 
 
-def opencv_coefficients(dist: ArrayLike, model: str) -> Float | None:
-    """Return k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 τx τy, or None for a model outside of OpenCV's family."""
+def opencv_coefficients(dist: ArrayLike | None, model: str) -> Float | None:
+    """Return k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 τx τy, or None for a model outside of OpenCV's family.
+
+    Parameters
+    ----------
+    dist : array_like or None
+        Coefficients of `model`.
+    model : str
+        A name of :data:`stereocal.camera.distortion.MODELS`.
+
+    Returns
+    -------
+    ndarray of shape (14,) or None
+    """
+    from stereocal.camera.distortion import as_distortion
+
+    given = as_distortion(dist, model)
     if model not in OPENCV_FAMILY:
         return None
-    given = np.ravel(np.asarray(dist, dtype=np.float64))
     padded = np.zeros(14)
     padded[: len(given)] = given
     return padded
 
 
 def tilt_matrix(tau_x: float, tau_y: float) -> Float:
-    """Return the homography of a sensor tilted by τx and τy (radians) against the lens."""
+    """Return the homography of a sensor tilted by τx about x, then τy about y, against the lens (Scheimpflug).
+
+    Parameters
+    ----------
+    tau_x, tau_y : float
+        Radians.
+
+    Returns
+    -------
+    ndarray of shape (3, 3)
+        [[R₃₃, 0, −R₁₃], [0, R₃₃, −R₂₃], [0, 0, 1]] R, R = R_y(τy) R_x(τx); the identity for no tilt.
+    """
     cx, sx, cy, sy = np.cos(tau_x), np.sin(tau_x), np.cos(tau_y), np.sin(tau_y)
     R = np.array([[cy, 0, -sy], [0, 1, 0], [sy, 0, cy]]) @ np.array([[1, 0, 0], [0, cx, sx], [0, -sx, cx]])
     projection = np.array([[R[2, 2], 0, -R[0, 2]], [0, R[2, 2], -R[1, 2]], [0, 0, 1]])
@@ -43,70 +82,171 @@ def tilt_matrix(tau_x: float, tau_y: float) -> Float:
 
 def undistortion_maps(
     K: ArrayLike,
-    dist: ArrayLike,
+    dist: ArrayLike | None,
     image_size: Any,
     *,
     R: ArrayLike | None = None,
     P: ArrayLike | None = None,
     model: str = "brown",
     out_size: Any = None,
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """For each pixel of the undistorted picture, its place in the photograph: (map_x, map_y).
+    backend: str = "numba",
+) -> tuple[Map, Map]:
+    """For each pixel of the undistorted picture, its place in the photograph: K x_d((P R)⁻¹ (u, v, 1)ᵀ; k).
 
     Parameters
     ----------
     K : array_like of shape (3, 3)
         Camera matrix of the photograph.
-    dist : array_like
+    dist : array_like or None
         Distortion coefficients of `model`.
     image_size : (int, int)
         Width and height of the photograph, and of the new picture if `out_size` is not given.
     R : array_like of shape (3, 3), optional
         Rotation from the camera's frame into the new one; identity if not given.
     P : array_like of shape (3, 3) or (3, 4), optional
-        The new camera; K if not given.
+        The new camera; K if not given. A fourth column (a rectified camera's) is ignored.
     model : str
         The distortion model, see :class:`stereocal.Camera`.
     out_size : (int, int), optional
         Width and height of the new picture.
+    backend : {"numba", "numpy"}
+        The kernel (OpenCV's family of lenses without skew), or the readable reference, which takes every model.
 
     Returns
     -------
     map_x, map_y : ndarray of shape (height, width), float32
-        Pixels of the photograph.
+        Pixels of the photograph; NaN where the model has no answer.
+
+    Raises
+    ------
+    InputError
+        If an argument has the wrong shape.
 
     Notes
     -----
-    Answers to ``cv2.initUndistortRectifyMap`` with ``m1type=CV_32FC1``.
+    Answers to ``cv2.initUndistortRectifyMap`` with ``m1type=CV_32FC1``: equal to the last bit. For the fisheye model
+    ``cv2.fisheye.initUndistortRectifyMap`` (1e-4 px).
     """
     K = as_camera_matrix(K)
     width, height = as_image_size(image_size if out_size is None else out_size)
-    rotation = np.eye(3) if R is None else as_rotation(R)
-    new = K if P is None else np.asarray(P, dtype=np.float64)[:, :3]
-    inverse = np.linalg.inv(new @ rotation)
-    u, v = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
-    rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ inverse.T
-    points = (rays[..., :2] / rays[..., 2:]).reshape(-1, 2)
+    require_choice(backend, ("numba", "numpy"), "backend")
     k = opencv_coefficients(dist, model)
-    if k is None:
-        from stereocal.camera.distortion import distort_normalized
+    B = inverse_of_new_camera(K if P is None else _left_square(P), np.eye(3) if R is None else as_rotation(R))
+    map_x = np.empty((height, width), dtype=np.float32)
+    map_y = np.empty((height, width), dtype=np.float32)
+    if backend == "numba" and k is not None and K[0, 1] == 0:
+        from stereocal.camera import undistortion_kernels as kernels
 
-        seen = distort_normalized(points, np.asarray(dist, dtype=float), model)
-    else:
-        x, y = points.T
-        r2 = x * x + y * y
-        radial = (1 + ((k[4] * r2 + k[1]) * r2 + k[0]) * r2) / (1 + ((k[7] * r2 + k[6]) * r2 + k[5]) * r2)
-        xd = x * radial + 2 * k[2] * x * y + k[3] * (r2 + 2 * x * x) + (k[8] + k[9] * r2) * r2
-        yd = y * radial + k[2] * (r2 + 2 * y * y) + 2 * k[3] * x * y + (k[10] + k[11] * r2) * r2
-        tilted = np.stack([xd, yd, np.ones_like(xd)], axis=1) @ tilt_matrix(k[12], k[13]).T
-        seen = tilted[:, :2] / tilted[:, 2:]
-    map_x = (K[0, 0] * seen[:, 0] + K[0, 1] * seen[:, 1] + K[0, 2]).astype(np.float32).reshape(height, width)
-    map_y = (K[1, 1] * seen[:, 1] + K[1, 2]).astype(np.float32).reshape(height, width)
+        f = float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])
+        if np.any(k[5:]):
+            kernels.family_maps(B.ravel(), k, tilt_matrix(k[12], k[13]).ravel(), *f, map_x, map_y)
+        else:
+            kernels.brown_maps(B.ravel(), k, *f, map_x, map_y)
+        return map_x, map_y
+
+    from stereocal.camera.distortion import distort_normalized, to_pixels
+
+    u = np.arange(width, dtype=float)
+    for v in range(height):
+        rays = np.stack([u, np.full(width, float(v)), np.ones(width)]).T @ B.T
+        seen = to_pixels(distort_normalized(rays[:, :2] / rays[:, 2:], dist, model), K)
+        map_x[v], map_y[v] = seen.T
     return map_x, map_y
 
 
+def distortion_maps(
+    K: ArrayLike,
+    dist: ArrayLike | None,
+    image_size: Any,
+    *,
+    R: ArrayLike | None = None,
+    P: ArrayLike | None = None,
+    model: str = "brown",
+) -> tuple[Map, Map]:
+    """For each pixel of the photograph, its place in the undistorted picture: P R x(K⁻¹ (u, v, 1)ᵀ; k).
+
+    Parameters
+    ----------
+    K : array_like of shape (3, 3)
+        Camera matrix of the photograph.
+    dist : array_like or None
+        Distortion coefficients of `model`.
+    image_size : (int, int)
+        Width and height of the photograph.
+    R : array_like of shape (3, 3), optional
+        Rotation from the camera's frame into the new one.
+    P : array_like of shape (3, 3) or (3, 4), optional
+        The new camera; K if not given.
+    model : str
+        The distortion model.
+
+    Returns
+    -------
+    map_x, map_y : ndarray of shape (height, width), float32
+        Pixels of the undistorted picture; NaN for pixels that the model cannot undo.
+
+    Notes
+    -----
+    The inverse of :func:`undistortion_maps` with the same arguments. Answers to ``cv2.initInverseRectificationMap``,
+    which undoes the lens in five steps only.
+    """
+    from stereocal.camera.distortion import undistort_points
+
+    matrix = as_camera_matrix(K)
+    width, height = as_image_size(image_size)
+    new = matrix if P is None else _left_square(P)
+    u, v = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
+    pixels = np.stack([u.ravel(), v.ravel()], axis=1)
+    seen = undistort_points(pixels, matrix, dist, model=model, R=R, P=new).astype(np.float32)
+    return (
+        np.ascontiguousarray(seen[:, 0]).reshape(height, width),
+        np.ascontiguousarray(seen[:, 1]).reshape(height, width),
+    )
+
+
+def valid_pixels(
+    maps: tuple[Map, Map], camera: Camera, *, R: ArrayLike | None = None, P: ArrayLike | None = None
+) -> NDArray[np.bool_]:
+    """Tell which pixels of an undistorted picture truly come from the photograph.
+
+    Parameters
+    ----------
+    maps : tuple of two ndarrays of shape (h, w)
+        As :func:`undistortion_maps` gives them.
+    camera : Camera
+        The camera that took the photograph.
+    R, P : array_like, optional
+        What the maps were made with.
+
+    Returns
+    -------
+    ndarray of shape (h, w), bool
+        True where the place lies within the photograph, and undistorting it leads back to the pixel (within 0.5 px), so
+        that the lens formula has not folded over.
+    """
+    from stereocal.camera.distortion import undistort_points
+
+    map_x, map_y = maps
+    width, height = camera.image_size
+    valid = (map_x >= 0) & (map_y >= 0) & (map_x <= width - 1) & (map_y <= height - 1)
+    v, u = np.nonzero(valid)
+    if len(u):
+        places = np.stack([map_x[v, u], map_y[v, u]], axis=1).astype(float)
+        back = undistort_points(
+            places, camera.K, camera.dist, model=camera.model, R=R, P=camera.K if P is None else _left_square(P)
+        )
+        with np.errstate(invalid="ignore"):
+            valid[v, u] = np.hypot(back[:, 0] - u, back[:, 1] - v) < _RETURN_TOLERANCE
+    return np.asarray(valid)
+
+
 def undistort_image(
-    image: ArrayLike, camera: Camera, *, P: ArrayLike | None = None, interpolation: str = "bilinear"
+    image: ArrayLike,
+    camera: Camera,
+    *,
+    P: ArrayLike | None = None,
+    interpolation: str = "bilinear",
+    border_value: float = 0,
 ) -> NDArray[Any]:
     """Take the lens distortion out of an image.
 
@@ -120,11 +260,18 @@ def undistort_image(
         The new camera matrix; the camera's own K if not given.
     interpolation : {"bilinear", "nearest", "bicubic"}
         See :func:`stereocal.remap`.
+    border_value : float
+        What stands where the camera did not look.
 
     Returns
     -------
     ndarray
         The undistorted image, of the same shape and dtype.
+
+    Raises
+    ------
+    InputError
+        If the image has not the size that the camera was calibrated at.
 
     Notes
     -----
@@ -132,5 +279,66 @@ def undistort_image(
     """
     from stereocal.camera.resampling import remap
 
+    require_size(image, camera, "image")
     maps = undistortion_maps(camera.K, camera.dist, camera.image_size, P=P, model=camera.model)
-    return remap(image, *maps, interpolation=interpolation)
+    return remap(image, *maps, interpolation=interpolation, border_value=border_value)
+
+
+def require_size(image: ArrayLike, camera: Camera, name: str) -> None:
+    """Refuse an image whose size is not the one that its camera was calibrated at.
+
+    Raises
+    ------
+    InputError
+        Which names both sizes.
+    """
+    shape = np.shape(image)
+    width, height = camera.image_size
+    if len(shape) < 2 or (shape[1], shape[0]) != (width, height):
+        given = f"{shape[1]}x{shape[0]}" if len(shape) >= 2 else f"of shape {shape}"
+        raise InputError(
+            f"the {name} is {given}, but its camera was calibrated at {width}x{height}; "
+            "give images of the calibrated size"
+        )
+
+
+def inverse_of_new_camera(P: Float, R: Float) -> Float:
+    """Return (P R)⁻¹ by cofactors, in OpenCV's order of operations, so that maps agree to the last bit.
+
+    Parameters
+    ----------
+    P, R : ndarray of shape (3, 3)
+        The new camera matrix and the rotation into its frame.
+
+    Returns
+    -------
+    ndarray of shape (3, 3)
+
+    Raises
+    ------
+    InputError
+        If P has no inverse.
+    """
+    m = np.array([[P[i, 0] * R[0, j] + P[i, 1] * R[1, j] + P[i, 2] * R[2, j] for j in range(3)] for i in range(3)])
+
+    def minor(a: int, b: int, c: int, d: int) -> float:
+        return float(m[a, b] * m[c, d] - m[a, d] * m[c, b])
+
+    determinant = m[0, 0] * minor(1, 1, 2, 2) - m[0, 1] * minor(1, 0, 2, 2) + m[0, 2] * minor(1, 0, 2, 1)
+    if determinant == 0 or not np.isfinite(determinant):
+        raise InputError("the new camera matrix P has no inverse; its focal lengths must not be 0")
+    scale = 1 / determinant
+    return scale * np.array(
+        [
+            [minor(1, 1, 2, 2), minor(0, 2, 2, 1), minor(0, 1, 1, 2)],
+            [minor(1, 2, 2, 0), minor(0, 0, 2, 2), minor(0, 2, 1, 0)],
+            [minor(1, 0, 2, 1), minor(0, 1, 2, 0), minor(0, 0, 1, 1)],
+        ]
+    )
+
+
+def _left_square(P: ArrayLike) -> Float:
+    matrix = np.asarray(P, dtype=np.float64)
+    if matrix.shape not in ((3, 3), (3, 4)):
+        raise InputError(f"P must have shape (3, 3) or (3, 4), but has {matrix.shape}")
+    return np.ascontiguousarray(matrix[:, :3])

@@ -1,0 +1,209 @@
+"""Kernels of ``resampling``: one output row at a time, in passes that the machine's vector units can follow.
+
+A pixel of the output reads the image at a place of its own, and such scattered reads do not vectorise. All the rest
+does. So a bilinear row is made in four passes:
+
+1. *where*: floor the coordinates, keep the fractions a, b, and the offset of the pixel to the upper left, or −1 if the
+   four neighbours are not all within the image. Vectorised.
+2. *fetch*: copy each pixel together with its right neighbour in one go, from the upper and from the lower row. The
+   only scattered reads, two a pixel.
+3. *blend*: interpolate the copies. Vectorised.
+4. *border*: the few pixels marked −1, one by one, with the border's value outside.
+
+The blend is t = p₀₀ + a (p₀₁ − p₀₀) for the upper pair, u likewise for the lower one, then t + b (u − t), each step
+rounded once (a fused multiply-add) to float32: the arithmetic of OpenCV 5.0 where the processor has that instruction.
+
+`magic` rounds to the nearest integer, ties to even: above 1.5 · 2²³ neighbouring float32 numbers are 1 apart, so adding
+that number and taking it off again leaves an integer. It is 0 for images of float32, and then does nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from llvmlite import ir
+from numba import njit, types
+from numba.extending import intrinsic
+
+
+@intrinsic
+def _fma(typingctx, a, b, c):
+    """a * b + c, rounded once."""
+
+    def codegen(context, builder, signature, args):
+        return builder.fma(*args)
+
+    return a(a, a, a), codegen
+
+
+@intrinsic(prefer_literal=True)
+def _copy(typingctx, count, target, to, source, at):
+    """target[to : to + count] = source[at : at + count], as one unaligned vector; `count` is a literal."""
+    if not isinstance(count, types.IntegerLiteral):
+        return None
+
+    def codegen(context, builder, signature, args):
+        word = context.get_data_type(signature.args[1].dtype)
+        words = ir.VectorType(word, signature.args[0].literal_value)
+
+        def pointer(position):
+            array = context.make_array(signature.args[position])(context, builder, args[position])
+            return builder.bitcast(builder.gep(array.data, [args[position + 1]]), words.as_pointer())
+
+        value = builder.load(pointer(3))
+        value.align = 1
+        builder.store(value, pointer(1)).align = 1
+        return context.get_dummy_value()
+
+    return types.void(count, target, to, source, at), codegen
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _locate_row(map_x, map_y, width, height, channels, a, b, offset):
+    """Pass 1: fractions and offsets of one row."""
+    zero, last_x, last_y = np.float32(0), np.float32(width - 1), np.float32(height - 1)
+    row_step, pixel_step = np.int32(width * channels), np.int32(channels)
+    for j in range(len(map_x)):
+        x, y = map_x[j], map_y[j]
+        x0, y0 = np.floor(x), np.floor(y)
+        a[j] = x - x0
+        b[j] = y - y0
+        within = (x0 >= zero) & (y0 >= zero) & (x0 < last_x) & (y0 < last_y)
+        place = np.int32(y0 if within else zero) * row_step + np.int32(x0 if within else zero) * pixel_step
+        offset[j] = place if within else np.int32(-1)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _tap(image, i, j, c, border_value):
+    """One sample, or the border's value outside of the image."""
+    if 0 <= i < image.shape[0] and 0 <= j < image.shape[1]:
+        return np.float32(image[i, j, c])
+    return border_value
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _blend_at_border(image, x, y, c, border_value):
+    """Pass 4: a pixel whose four neighbours are not all within the image."""
+    x0, y0 = np.floor(x), np.floor(y)
+    if not (x0 >= -1 and y0 >= -1 and x0 < image.shape[1] and y0 < image.shape[0]):
+        return border_value
+    a, b = x - x0, y - y0
+    i, j = int(y0), int(x0)
+    p, q = _tap(image, i, j, c, border_value), _tap(image, i + 1, j, c, border_value)
+    t = _fma(a, _tap(image, i, j + 1, c, border_value) - p, p)
+    u = _fma(a, _tap(image, i + 1, j + 1, c, border_value) - q, q)
+    return _fma(b, u - t, t)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def remap_bilinear_grey(image, map_x, map_y, border_value, magic, out):
+    """Bilinear resampling of an (H, W, 1) image into (h, w, 1)."""
+    height, width = image.shape[0], image.shape[1]
+    columns = out.shape[1]
+    samples = image.reshape(-1)
+    a, b = np.empty(columns, np.float32), np.empty(columns, np.float32)
+    offset, outside = np.empty(columns, np.int32), np.empty(columns, np.int64)
+    upper, lower = np.empty(2 * columns, image.dtype), np.empty(2 * columns, image.dtype)
+    for i in range(out.shape[0]):
+        _locate_row(map_x[i], map_y[i], width, height, 1, a, b, offset)
+        count = 0
+        for j in range(columns):
+            at = offset[j]
+            if at >= 0:
+                _copy(2, upper, 2 * j, samples, at)
+                _copy(2, lower, 2 * j, samples, at + width)
+            else:
+                outside[count] = j
+                count += 1
+        row = out[i].reshape(-1)
+        for j in range(columns):
+            p, q = np.float32(upper[2 * j]), np.float32(lower[2 * j])
+            t = _fma(a[j], np.float32(upper[2 * j + 1]) - p, p)
+            u = _fma(a[j], np.float32(lower[2 * j + 1]) - q, q)
+            row[j] = (_fma(b[j], u - t, t) + magic) - magic
+        for n in range(count):
+            j = outside[n]
+            row[j] = (_blend_at_border(image, map_x[i, j], map_y[i, j], 0, border_value[0]) + magic) - magic
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def remap_bilinear_colour(image, map_x, map_y, border_value, magic, out):
+    """Bilinear resampling of an (H, W, 3) image into (h, w, 3)."""
+    height, width = image.shape[0], image.shape[1]
+    columns = out.shape[1]
+    samples = image.reshape(-1)
+    a, b = np.empty(columns, np.float32), np.empty(columns, np.float32)
+    offset, outside = np.empty(columns, np.int32), np.empty(columns, np.int64)
+    upper, lower = np.empty(6 * columns, image.dtype), np.empty(6 * columns, image.dtype)
+    for i in range(out.shape[0]):
+        _locate_row(map_x[i], map_y[i], width, height, 3, a, b, offset)
+        count = 0
+        for j in range(columns):
+            at = offset[j]
+            if at >= 0:
+                _copy(6, upper, 6 * j, samples, at)
+                _copy(6, lower, 6 * j, samples, at + 3 * width)
+            else:
+                outside[count] = j
+                count += 1
+        row = out[i].reshape(-1)
+        for j in range(columns):
+            for c in range(3):
+                p, q = np.float32(upper[6 * j + c]), np.float32(lower[6 * j + c])
+                t = _fma(a[j], np.float32(upper[6 * j + 3 + c]) - p, p)
+                u = _fma(a[j], np.float32(lower[6 * j + 3 + c]) - q, q)
+                row[3 * j + c] = (_fma(b[j], u - t, t) + magic) - magic
+        for n in range(count):
+            j = outside[n]
+            for c in range(3):
+                value = _blend_at_border(image, map_x[i, j], map_y[i, j], c, border_value[c])
+                row[3 * j + c] = (value + magic) - magic
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def remap_nearest(image, map_x, map_y, border_value, out):
+    """The sample at the rounded place (ties to even), for any number of channels."""
+    height, width, channels = image.shape
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            x, y = np.rint(map_x[i, j]), np.rint(map_y[i, j])
+            if x >= 0 and y >= 0 and x < width and y < height:
+                for c in range(channels):
+                    out[i, j, c] = image[int(y), int(x), c]
+            else:
+                for c in range(channels):
+                    out[i, j, c] = border_value[c]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def remap_bicubic(image, map_x, map_y, sharpness, border_value, lowest, highest, magic, out):
+    """Keys' cubic convolution over 4 x 4 samples, clipped to [lowest, highest], for any number of channels."""
+    height, width, channels = image.shape
+    one, two, three = np.float32(1), np.float32(2), np.float32(3)
+    four, five, eight = np.float32(4), np.float32(5), np.float32(8)
+    wx, wy = np.empty(4, np.float32), np.empty(4, np.float32)
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            x0, y0 = np.floor(map_x[i, j]), np.floor(map_y[i, j])
+            if not (x0 >= -3 and y0 >= -3 and x0 <= width + 1 and y0 <= height + 1):
+                for c in range(channels):
+                    out[i, j, c] = border_value[c]
+                continue
+            for w, t in ((wx, map_x[i, j] - x0), (wy, map_y[i, j] - y0)):
+                far, near = t + one, one - t
+                w[0] = ((sharpness * far - five * sharpness) * far + eight * sharpness) * far - four * sharpness
+                w[1] = ((sharpness + two) * t - (sharpness + three)) * t * t + one
+                w[2] = ((sharpness + two) * near - (sharpness + three)) * near * near + one
+                w[3] = one - w[0] - w[1] - w[2]
+            left, top = int(x0) - 1, int(y0) - 1
+            inside = left >= 0 and top >= 0 and left + 3 < width and top + 3 < height
+            for c in range(channels):
+                total = np.float32(0)
+                for m in range(4):
+                    line = np.float32(0)
+                    for n in range(4):
+                        if inside:
+                            line += wx[n] * np.float32(image[top + m, left + n, c])
+                        else:
+                            line += wx[n] * _tap(image, top + m, left + n, c, border_value[c])
+                    total += wy[m] * line
+                out[i, j, c] = (min(max(total, lowest), highest) + magic) - magic
