@@ -1,9 +1,9 @@
 """Calibrations of any tool: found out by their content, read, written, converted.
 
-Each format is a module of its own, ``format_*.py``, with a ``read(path)`` and a ``write(record, path)`` between its files
-and a :class:`~stereocal.store.calibration_record.CalibrationRecord`; the module's docstring is the page of that format's
-conventions. Here stand the registry and the functions that users call. To add a format: write such a module, enter it
-in :data:`FORMATS`, and teach :func:`recognize_format` its mark.
+Each format is a module of its own, ``format_*.py``, with a ``read(path)`` and a ``write(record, path)`` between its
+files and a :class:`~stereocal.store.calibration_record.CalibrationRecord`; the module's docstring is the page of that
+format's conventions. Here stand the registry and the functions that users call. To add a format: write such a module,
+enter it in :data:`FORMATS`, and teach :func:`recognize_format` its mark.
 """
 
 from __future__ import annotations
