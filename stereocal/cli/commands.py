@@ -125,7 +125,7 @@ def board(
     square : str
         Side of a square: 25mm, 2.5cm, 1in.
     paper : str
-        A0 to A6, letter, legal, tabloid, or WIDTHxHEIGHT in millimetres.
+        A0 to A6, letter, legal or tabloid.
     out : Path
         The file; its ending says the format: .pdf, .svg or .png.
     """
@@ -134,7 +134,8 @@ def board(
     from stereocal.cli.summaries import summarize_target
     from stereocal.workflow.targets import make_target
 
-    run = make_target(corners, length, paper=paper, out=out)
+    with _usage():
+        run = make_target(corners, length, paper=paper, out=out)
     _answer(output, run.as_dict, summarize_target(run))
 
 
@@ -259,8 +260,11 @@ def rectify(
     out : Path
         Folder for the rectified images and the picture with epipolar lines.
     alpha : float
-        0 keeps only pixels that both cameras see, 1 keeps all; by default the focal length is kept.
+        OpenCV's zoom: 0 leaves no black pixel, 1 loses none; by default all that both cameras see is shown.
     """
+    with _usage():
+        if alpha is not None and not 0 <= alpha <= 1:
+            raise InputError(f"--alpha must be from 0 (no black pixels) to 1 (no pixel lost), but is {alpha:g}")
     from stereocal.cli.summaries import summarize_rectification
     from stereocal.workflow.rectified_pairs import rectify_pairs
 
@@ -309,8 +313,16 @@ def disparity(
         Folder for disparity.pfm, disparity.png, disparity_color.png, depth, cloud.ply.
     """
     from stereocal.cli.summaries import summarize_depth_map
-    from stereocal.workflow.depth_maps import compute_disparity
+    from stereocal.workflow.depth_maps import compute_disparity, matcher_settings
 
+    with _usage():
+        matcher_settings(
+            method,
+            block_size=block_size,
+            num_disparities=num_disparities,
+            min_disparity=min_disparity,
+            speckle_size=speckle_size,
+        )
     run = compute_disparity(
         calibration,
         left,

@@ -18,7 +18,7 @@ import sys
 import warnings
 from collections.abc import Sequence
 
-from cyclopts import CycloptsError
+from cyclopts import CycloptsError, UnusedCliTokensError
 from rich.traceback import Traceback
 
 from stereocal.base.errors import StereocalError
@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 warnings.simplefilter("ignore")
             return int(app(words, exit_on_error=False, print_error=False, result_action="return_value") or DONE)
     except (CycloptsError, UsageError) as error:
-        complain(_usage_sentence(error))
+        complain(_usage_sentence(error, words))
         return WRONG_USAGE
     except KeyboardInterrupt:
         complain("interrupted; nothing was written")
@@ -74,11 +74,15 @@ def _sentence(error: Exception) -> str:
     return f"internal error, {type(error).__name__}: {error}; run again with --debug and report what it shows"
 
 
-def _usage_sentence(error: Exception) -> str:
-    """Return cyclopts' message in one line, with the way to the help."""
-    message = " ".join(str(error).split())
-    chain = getattr(error, "command_chain", None) or ()
-    return f"{message.rstrip('.')}; see `{' '.join(('stereocal', *chain))} --help`"
+def _usage_sentence(error: Exception, words: Sequence[str]) -> str:
+    """Return what was wrong with the words in one line, with the way to the help."""
+    message = " ".join(str(error).split()).rstrip(".")
+    if isinstance(error, UnusedCliTokensError):
+        message = (
+            f"too many arguments ({' '.join(error.unused_tokens or ())}); put a pattern such as 'left*.jpg' in quotes"
+        )
+    command = [words[0]] if words and words[0] in app else []
+    return f"{message}; see `{' '.join(['stereocal', *command, '--help'])}`"
 
 
 def _exit_on_termination() -> signal.Handlers | None:

@@ -21,6 +21,7 @@ from stereocal.workflow.boards import DetectionRun
 from stereocal.workflow.calibrations import CalibrationRun
 from stereocal.workflow.depth_maps import DepthMapRun
 from stereocal.workflow.rectified_pairs import RectificationRun
+from stereocal.workflow.targets import TargetRun
 
 
 def summarize_detection(run: DetectionRun) -> Iterator[RenderableType]:
@@ -58,13 +59,14 @@ def summarize_calibration(run: CalibrationRun) -> Iterator[RenderableType]:
         elif record.flipped:
             yield Text(f"  repaired  {names}: corners came from opposite ends of the board; put into one order")
     if run.board.is_symmetric and not any(record.flipped for record in run.pairs):
-        yield "  checked   the board looks the same after half a turn: left and right have one corner order in every pair"
+        yield "  checked   the board looks the same after half a turn, but left and right agree in every pair"
     for sentence in run.skipped:
         yield Text(f"  skipped   {sentence}")
     yield ""
+    alone = [camera.rms for camera in (calibration.left, calibration.right) if camera is not None]
     yield (
         f"[bold]RMS {calibration.rms:.3f} px[/]  left {calibration.left_rms:.3f}, right {calibration.right_rms:.3f}; "
-        f"each camera alone {calibration.left.rms:.3f}, {calibration.right.rms:.3f}"
+        f"each camera alone {', '.join(f'{rms:.3f}' for rms in alone)}"
     )
     yield "  [dim]root mean square distance between found and predicted corners, as OpenCV counts it[/]"
     yield f"[bold]baseline {rig.baseline:.4f}[/] {unit}"
@@ -137,6 +139,19 @@ def summarize_depth_map(run: DepthMapRun) -> Iterator[RenderableType]:
         yield f"        {2 * settings['num_disparities']} or more"
     yield from _files(run.files, run.folder)
     yield from _next(f"look at {run.folder / 'disparity_figure.png'}, or open {run.folder / 'cloud.ply'} in MeshLab")
+
+
+def summarize_target(run: TargetRun) -> Iterator[RenderableType]:
+    """What to print, and what to check after printing."""
+    board = run.sheet.board
+    square = f"{board.square_size:g}mm"
+    yield f"[bold]{run.path}[/]: {board} inner corners, squares of {square}, on {run.paper}"
+    for sentence in run.advice:
+        yield Text(f"  {sentence}")
+    yield from _next(
+        "print it at 100 % (not 'fit to page'), measure the bar with a ruler, glue the sheet onto something flat",
+        _command("stereocal", "calibrate", "LEFT", "RIGHT", "--inner-corners", str(board), "--square", square),
+    )
 
 
 def _files(files: tuple[Path, ...], folder: Path | None = None) -> Iterator[RenderableType]:

@@ -1,8 +1,8 @@
 """``disparity``: disparity, depth and point cloud of one pair.
 
-The pair is rectified, matched row by row, cleaned of speckles, and turned into depth by Q. Five files hold the result,
-each for another reader: PFM and 16-bit PNG the numbers, the coloured PNG for the eye, ``depth.pfm`` in the unit of the
-calibration, and a point cloud in colour.
+The pair is rectified, matched row by row, cleaned of speckles, and turned into depth by Q. Each file of the result has
+another reader: PFM and 16-bit PNG hold the numbers, the coloured PNG is for the eye, ``depth.pfm`` is in the unit of the
+calibration, ``cloud.ply`` is in colour, and ``rectification.json`` says in which frame all of it is.
 
 Matchers work on 8-bit grey. Pictures of more bits are brought to 8 by one factor for both, so that grey values stay
 comparable between left and right.
@@ -19,10 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import stereocal
 from stereocal.base.checks import require_choice, require_integer
+from stereocal.base.errors import InputError
 from stereocal.base.gray import to_gray
 from stereocal.pair.rectification import Rectification
-from stereocal.pair.rectification import rectify as rectify_rig
 from stereocal.reconstruction.depth import disparity_to_depth, disparity_to_points
 from stereocal.report.figures_images import draw_disparity, to_display
 from stereocal.report.style import SEQUENTIAL, to_png
@@ -32,7 +33,7 @@ from stereocal.store.images import write_image
 from stereocal.workflow.outputs import StagedFolder, staged_folder
 from stereocal.workflow.photographs import Pair, Photograph
 from stereocal.workflow.progress import Progress, Silent
-from stereocal.workflow.rectified_pairs import load_rig, require_size_of_rig
+from stereocal.workflow.rectified_pairs import load_rig, rectify_for_viewing, require_size_of_rig, write_rectification
 
 METHODS = ("sad", "bm", "census", "sgm")
 
@@ -142,24 +143,31 @@ def compute_disparity(
     """
     start = time.perf_counter()
     watch = progress or Silent()
-    require_choice(method, METHODS, "--method")
-    settings = {
-        "block_size": require_integer(block_size or BLOCK_SIZES[method], "--block-size", minimum=1, odd=True),
-        "num_disparities": require_integer(num_disparities, "--num-disparities", minimum=1),
-        "min_disparity": require_integer(min_disparity, "--min-disparity", minimum=-4096, maximum=4096),
-        "speckle_size": require_integer(speckle_size, "--speckle-size", minimum=0),
-    }
+    settings = matcher_settings(
+        method,
+        block_size=block_size,
+        num_disparities=num_disparities,
+        min_disparity=min_disparity,
+        speckle_size=speckle_size,
+    )
     rig = load_rig(calibration)
     pair = Pair(Photograph(Path(left)), Photograph(Path(right)))
     with staged_folder(out) as staged:
         images = pair.left.read(), pair.right.read()
         require_size_of_rig(pair, tuple((image.shape[1], image.shape[0]) for image in images), rig)  # type: ignore[arg-type]
-        rectification = rectify_rig(rig)
+        if settings["num_disparities"] >= rig.left.image_size[0]:
+            raise InputError(
+                f"--num-disparities {num_disparities} is more than the images are wide ({rig.left.image_size[0]} px); "
+                "search fewer"
+            )
+        rectification = rectify_for_viewing(rig)
         rectified = rectification.apply(*images)
         with watch.stage(f"Matching ({method})"):
+            eight = to_eight_bits(*rectified)
             clock = time.perf_counter()
-            disparity = match_rectified(*to_eight_bits(*rectified), method=method, **settings)
+            disparity = match_rectified(eight[0], eight[1], method=method, **settings)
             matching_seconds = time.perf_counter() - clock
+        disparity = drop_unseen(disparity, rectification)
         depth, points = _write_depth_files(staged, rectified[0], disparity, rectification)
         files = tuple(staged.published())
     run = DepthMapRun(
@@ -177,6 +185,26 @@ def compute_disparity(
     return replace(run, seconds=time.perf_counter() - start)
 
 
+def matcher_settings(
+    method: str, *, block_size: int | None, num_disparities: int, min_disparity: int, speckle_size: int
+) -> dict[str, int]:
+    """Return the matcher's settings, checked, with the method's own block size if none is given.
+
+    Raises
+    ------
+    InputError
+        If one is out of its range.
+    """
+    require_choice(method, METHODS, "--method")
+    size = BLOCK_SIZES[method] if block_size is None else block_size
+    return {
+        "block_size": require_integer(size, "--block-size", minimum=1, maximum=255, odd=True),
+        "num_disparities": require_integer(num_disparities, "--num-disparities", minimum=1, maximum=4096),
+        "min_disparity": require_integer(min_disparity, "--min-disparity", minimum=-4096, maximum=4096),
+        "speckle_size": require_integer(speckle_size, "--speckle-size", minimum=0),
+    }
+
+
 def match_rectified(
     left: Image,
     right: Image,
@@ -188,20 +216,24 @@ def match_rectified(
     speckle_size: int = 0,
 ) -> Disparity:
     """Match a rectified pair with one of the four matchers and drop speckles."""
-    from stereocal.reconstruction import block_matching, census, sad, semiglobal, speckles
-
-    matcher = {
-        "sad": sad.match_sad,
-        "bm": block_matching.match_bm,
-        "census": census.match_census,
-        "sgm": semiglobal.match_sgm,
-    }[method]
-    disparity = matcher(
+    matcher = getattr(stereocal, f"match_{method}")  # the public names, imported when first used
+    disparity: Disparity = matcher(
         left, right, num_disparities=num_disparities, min_disparity=min_disparity, block_size=block_size
     )
     if speckle_size:
-        disparity = speckles.filter_speckles(disparity, max_size=speckle_size, max_difference=1.0)
+        disparity = stereocal.filter_speckles(disparity, max_size=speckle_size, max_difference=1.0)
     return disparity
+
+
+def drop_unseen(disparity: Disparity, rectification: Rectification) -> Disparity:
+    """Drop answers where either camera did not look: black borders match black borders perfectly."""
+    seen_left, seen_right = rectification.valid_mask("left"), rectification.valid_mask("right")
+    valid = np.isfinite(disparity) & seen_left
+    y, x = np.nonzero(valid)
+    partner = np.rint(x - disparity[y, x]).astype(int)
+    inside = (partner >= 0) & (partner < disparity.shape[1])
+    valid[y, x] = inside & seen_right[y, np.clip(partner, 0, disparity.shape[1] - 1)]
+    return np.where(valid, disparity, np.float32(np.nan))
 
 
 def to_eight_bits(left: Image, right: Image) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
@@ -243,5 +275,6 @@ def _write_depth_files(
     staged.path("disparity_figure.png").write_bytes(to_png(figure))
     write_pfm(staged.path("depth.pfm"), np.where(np.isfinite(depth), depth, np.float32(np.inf)))
     count = write_ply(staged.path("cloud.ply"), points, to_display(left))
+    write_rectification(staged, rectification)
     write_image(staged.path("left_rectified.png"), left if left.dtype != np.float32 else to_display(left))
     return depth, count

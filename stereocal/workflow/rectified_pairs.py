@@ -6,12 +6,14 @@ with lines across them; whatever a line meets on the left it must meet on the ri
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from stereocal.base.atomic_files import write_whole
 from stereocal.base.errors import DataFileError
 from stereocal.pair.rectification import Rectification
 from stereocal.pair.rectification import rectify as rectify_rig
@@ -51,18 +53,9 @@ class RectificationRun:
 
     def as_dict(self) -> dict[str, Any]:
         """Return what ``rectify --json`` prints."""
-        geometry = self.rectification
         return {
             "pairs": self.pairs,
-            "image_size": list(geometry.image_size),
-            "R1": geometry.R1.tolist(),
-            "R2": geometry.R2.tolist(),
-            "P1": geometry.P1.tolist(),
-            "P2": geometry.P2.tolist(),
-            "Q": geometry.Q.tolist(),
-            "roi1": list(geometry.roi1),
-            "roi2": list(geometry.roi2),
-            "warnings": list(geometry.warnings),
+            **rectification_document(self.rectification),
             "files": [str(path) for path in self.files],
             "seconds": self.seconds,
         }
@@ -88,7 +81,7 @@ def rectify_pairs(
     out : path
         Folder for ``left_NAME.png``, ``right_NAME.png`` and ``epipolar_NAME.png``.
     alpha : float, optional
-        As in :func:`stereocal.rectify`.
+        OpenCV's zoom, as in :func:`stereocal.rectify`; by default all that both cameras see is shown.
     progress : Progress, optional
         Who watches.
 
@@ -99,7 +92,7 @@ def rectify_pairs(
     """
     start = time.perf_counter()
     rig = load_rig(calibration)
-    rectification = rectify_rig(rig, alpha=alpha)
+    rectification = rectify_for_viewing(rig, alpha=alpha)
     pairs, alone = pair_photographs(left, right)
     if alone:
         raise DataFileError(alone[0].path, "has no partner on the other side; take it out, or add its partner")
@@ -108,8 +101,37 @@ def rectify_pairs(
             for pair in pairs:
                 _rectify_one(pair, rig, rectification, staged)
                 step()
+        write_rectification(staged, rectification)
         files = tuple(staged.published())
     return RectificationRun(rectification, len(pairs), Path(out), files, time.perf_counter() - start)
+
+
+def rectify_for_viewing(rig: StereoRig, *, alpha: float | None = None) -> Rectification:
+    """Rectify such that both pictures show all that both cameras see.
+
+    OpenCV's own rule centres the four undistorted corners of the image, which a wide lens does not even have (its
+    polynomial turns back before it gets there): on the paper's cameras it puts the principal point near the picture's
+    edge. With `alpha` the rule is OpenCV's.
+    """
+    return rectify_rig(rig, view="common") if alpha is None else rectify_rig(rig, alpha=alpha)
+
+
+def rectification_document(rectification: Rectification) -> dict[str, Any]:
+    """Return a rectification as plain data."""
+    matrices = {name: getattr(rectification, name).tolist() for name in ("R1", "R2", "P1", "P2", "Q")}
+    return {
+        "image_size": list(rectification.image_size),
+        **matrices,
+        "roi1": list(rectification.roi1),
+        "roi2": list(rectification.roi2),
+        "warnings": list(rectification.warnings),
+    }
+
+
+def write_rectification(staged: StagedFolder, rectification: Rectification) -> None:
+    """Write ``rectification.json``: the frame that rectified images, disparity and depth are in."""
+    text = json.dumps(rectification_document(rectification), indent=1, allow_nan=False)
+    write_whole(staged.path("rectification.json"), text + "\n")
 
 
 def load_rig(calibration: str | os.PathLike[str]) -> StereoRig:

@@ -256,8 +256,8 @@ def _require_pairs(records: Sequence[PairRecord], board: Chessboard) -> None:
     if other_sizes:
         (columns, rows), count = other_sizes.most_common(1)[0]
         raise InputError(
-            f"the {board} board was found in both photographs of only {used} of {len(records)} pairs, but {count} "
-            f"photographs show a board of {columns}x{rows} inner corners; try --inner-corners {columns}x{rows}"
+            f"the {board} board was found in both photographs of {used} of {len(records)} pairs, but {count} "
+            f"photographs show one of {columns}x{rows} inner corners; try --inner-corners {columns}x{rows}"
         )
     causes = Counter(record.reason.split(":")[0] for record in records if not record.used)
     why = f" ({causes.most_common(1)[0][0]}, as in {_example(records, causes)})" if causes else ""
