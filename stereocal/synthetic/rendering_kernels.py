@@ -140,3 +140,119 @@ def board_kernel(nodes, weights, rotation, origin, shape, levels, radiance):
             waves = _mean_wave(x, wx, -1.0, columns) * _mean_wave(y, wy, -1.0, lines)
             shade = bright - (bright - dark) * 0.5 * (printed + waves)
             radiance[i, j] = (1 - paper) * radiance[i, j] + paper * shade
+
+
+@njit(cache=True, nogil=True)
+def _first_surface(surfaces, ox, oy, oz, dx, dy, dz):
+    """τ and index of the first surface that a ray meets; twin in ``surfaces.trace``."""
+    nearest, index = math.inf, -1
+    for i in range(surfaces.shape[0]):
+        s = surfaces[i]
+        px, py, pz = s[1] - ox, s[2] - oy, s[3] - oz
+        if s[0] == 0:
+            nx = s[5] * s[9] - s[6] * s[8]
+            ny = s[6] * s[7] - s[4] * s[9]
+            nz = s[4] * s[8] - s[5] * s[7]
+            slope = dx * nx + dy * ny + dz * nz
+            if slope == 0:
+                continue
+            tau = (nx * px + ny * py + nz * pz) / slope
+            if not 1e-6 < tau < nearest:
+                continue
+            x, y, z = tau * dx - px, tau * dy - py, tau * dz - pz
+            if abs(x * s[4] + y * s[5] + z * s[6]) <= s[10] and abs(x * s[7] + y * s[8] + z * s[9]) <= s[11]:
+                nearest, index = tau, i
+        else:
+            a = dx * dx + dy * dy + dz * dz
+            b = dx * px + dy * py + dz * pz
+            root = b * b - a * (px * px + py * py + pz * pz - s[10] * s[10])
+            if root >= 0:
+                tau = (b - math.sqrt(root)) / a
+                if 1e-6 < tau < nearest:
+                    nearest, index = tau, i
+    return nearest, index
+
+
+@njit(cache=True, nogil=True)
+def trace_kernel(surfaces, origin, directions, tau, index):
+    """First surface of every ray; twin in ``surfaces.trace``."""
+    for k in range(directions.shape[0]):
+        d = directions[k]
+        met, i = _first_surface(surfaces, origin[0], origin[1], origin[2], d[0], d[1], d[2])
+        tau[k] = met if i >= 0 else math.nan
+        index[k] = i
+
+
+@njit(cache=True, nogil=True)
+def _hash(i, j, seed):
+    """A number in [−1, 1) for a lattice point; twin in ``surfaces._hash``."""
+    mask = 0xFFFFFFFF
+    h = ((i & mask) * 374761393 & mask) + ((j & mask) * 668265263 & mask) + (seed * 1103515245 & mask)
+    h = (h ^ (h >> 13)) & mask
+    h = (h * 1274126177) & mask
+    h ^= h >> 16
+    return h / 2147483648.0 - 1.0
+
+
+@njit(cache=True, nogil=True)
+def _value_noise(p, q, seed):
+    """Twin in ``surfaces._value_noise``."""
+    i, j = math.floor(p), math.floor(q)
+    a, b = p - i, q - j
+    a = a * a * a * (a * (6 * a - 15) + 10)
+    b = b * b * b * (b * (6 * b - 15) + 10)
+    m, n = int(i), int(j)
+    upper = (1 - a) * _hash(m, n, seed) + a * _hash(m + 1, n, seed)
+    lower = (1 - a) * _hash(m, n + 1, seed) + a * _hash(m + 1, n + 1, seed)
+    return (1 - b) * upper + b * lower
+
+
+@njit(cache=True, nogil=True)
+def _texture(p, q, seed, pattern):
+    """Twin in ``surfaces.texture``."""
+    stretch = 0.35 if pattern == 1 else 1.0
+    value = 0.5 * _value_noise(stretch * p, q, seed)
+    value += 0.3 * _value_noise(2 * stretch * p, 2 * q, seed + 101)
+    value += 0.2 * _value_noise(4 * stretch * p, 4 * q, seed + 202)
+    if pattern == 1:
+        gap = q - np.rint(q)
+        value -= 0.6 * math.exp(-((gap / 0.06) ** 2))
+    return min(max(1.4 * value, -1.0), 1.0)
+
+
+@njit(cache=True, nogil=True)
+def scene_kernel(nodes, weights, surfaces, light, rotation, origin, radiance):
+    """Radiance (3, rows, columns) of a scene; `rotation` takes the camera's frame to the scene's.
+
+    The definition: ``surfaces.trace`` and ``surfaces.shade`` on ``rays.RayTable.rays``.
+    """
+    _, rows, count = radiance.shape
+    across = np.empty((nodes.shape[1], 2))
+    rays = np.empty((count, 2))
+    for i in range(rows):
+        _ray_row(nodes, weights, i, across, rays)
+        for j in range(count):
+            x, y = rays[j, 0], rays[j, 1]
+            dx = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2]
+            dy = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2]
+            dz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2]
+            tau, k = _first_surface(surfaces, origin[0], origin[1], origin[2], dx, dy, dz)
+            if k < 0:
+                radiance[0, i, j] = radiance[1, i, j] = radiance[2, i, j] = 0
+                continue
+            s = surfaces[k]
+            px, py, pz = origin[0] + tau * dx - s[1], origin[1] + tau * dy - s[2], origin[2] + tau * dz - s[3]
+            if s[0] == 0:
+                nx = s[5] * s[9] - s[6] * s[8]
+                ny = s[6] * s[7] - s[4] * s[9]
+                nz = s[4] * s[8] - s[5] * s[7]
+                p = px * s[4] + py * s[5] + pz * s[6]
+                q = px * s[7] + py * s[8] + pz * s[9]
+            else:
+                nx, ny, nz = px / s[10], py / s[10], pz / s[10]
+                p = s[10] * math.atan2(px, -pz)
+                q = s[10] * math.asin(min(max(py / s[10], -1.0), 1.0))
+            value = 0.5 + 0.5 * abs(nx * light[0] + ny * light[1] + nz * light[2])
+            value *= 1 + s[16] * _texture(p / s[15], q / s[15], int(s[17]), int(s[18]))
+            for c in range(3):
+                radiance[c, i, j] = s[12 + c] * value
