@@ -1,0 +1,188 @@
+"""The census transform: what a pixel's neighbourhood looks like, in the ORDER of its grey values alone.
+
+Two cameras seldom agree on the grey value of a point: gain, exposure, vignetting and the angle of view differ. But
+which of two neighbours is the darker one they mostly agree on. The census code of a pixel p is a string of bits, one
+for each neighbour q of its window:
+
+    code(p) = ⊗_q  [ I(q) < I(p) − t ],        [·] = 1 if so, else 0,
+
+and two pixels match as well as few of their bits differ (the Hamming distance). Any brightening that keeps the order
+leaves the code as it is. The threshold t is R. Spangenberg's idea (2013), here one-sided: without it, the bits of a
+blank wall are tossed by the camera's noise.
+
+A 5x5 window gives 24 bits. Bit b belongs to the b-th neighbour, the window read row by row, the centre left out.
+Beyond the image its outermost pixels are repeated.
+
+:func:`match_census` takes, for each pixel, the disparity at which the sum of the Hamming distances over a block is
+least: winner takes all, no smoothness. Semi-global matching builds on the same codes.
+
+Source: R. Zabih and J. Woodfill, *Non-parametric local transforms for computing visual correspondence* (1994).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stereocal.base.checks import as_image, require_choice, require_integer
+from stereocal.base.errors import InputError
+from stereocal.base.gray import to_gray
+
+Codes = NDArray[np.uint64]
+Disparity = NDArray[np.float32]
+
+
+def census_transform(
+    image: ArrayLike, *, window: tuple[int, int] = (5, 5), threshold: int = 0, backend: str = "numba"
+) -> Codes:
+    """Return the census code of every pixel, bit b = [I(q_b) < I(p) − t].
+
+    Parameters
+    ----------
+    image : array_like of shape (H, W) or (H, W, 3), uint8
+        Colour is turned to grey.
+    window : (int, int)
+        Width and height of the window, odd; at most 65 pixels, for the code has 64 bits.
+    threshold : int
+        t, grey levels: a neighbour counts as darker if it is so by more than this.
+    backend : {"numba", "numpy"}
+        The kernel, or the readable reference.
+
+    Returns
+    -------
+    ndarray of shape (H, W), uint64
+
+    Raises
+    ------
+    InputError
+        If the image is not uint8, or the window is even or too large.
+    """
+    require_choice(backend, ("numba", "numpy"), "backend")
+    gray = to_gray(as_image(image, channels=(1, 3, 4)))
+    if gray.dtype != np.uint8:
+        raise InputError(f"image must be uint8 (0 to 255), not {gray.dtype}; scale it to 8 bits first")
+    radii = _radii(window)
+    threshold = require_integer(threshold, "threshold", minimum=0, maximum=255)
+    if backend == "numba":
+        planes = census_planes(gray, window=window, threshold=threshold)
+        shifts = np.arange(len(planes), dtype=np.uint64)[:, None, None] * np.uint64(8)
+        return np.asarray(np.bitwise_or.reduce(planes.astype(np.uint64) << shifts, axis=0), np.uint64)
+    return _census_reference(gray, radii, threshold)
+
+
+def _census_reference(gray: NDArray[np.uint8], radii: tuple[int, int], threshold: int) -> Codes:
+    """One comparison of the whole image for each neighbour."""
+    rx, ry = radii
+    height, width = gray.shape
+    centre = gray.astype(np.int64)
+    padded = np.pad(centre, ((ry, ry), (rx, rx)), mode="edge")
+    codes = np.zeros(gray.shape, np.uint64)
+    neighbours = [(dy, dx) for dy in range(-ry, ry + 1) for dx in range(-rx, rx + 1) if (dy, dx) != (0, 0)]
+    for bit, (dy, dx) in enumerate(neighbours):
+        neighbour = padded[ry + dy : ry + dy + height, rx + dx : rx + dx + width]
+        codes |= (neighbour < centre - threshold).astype(np.uint64) << np.uint64(bit)
+    return codes
+
+
+def census_planes(
+    gray: NDArray[np.uint8], *, window: tuple[int, int], threshold: int, flipped: bool = False
+) -> NDArray[np.uint8]:
+    """Return the census codes as bytes, (⌈bits / 8⌉, H, W), lowest first: what the kernels compare.
+
+    Parameters
+    ----------
+    gray : ndarray of shape (H, W), uint8
+    window : (int, int)
+        Width and height.
+    threshold : int
+        t.
+    flipped : bool
+        Whether `gray` is mirrored left to right; its codes are those of the unflipped image, mirrored.
+    """
+    from stereocal.reconstruction import matching_costs_kernels as kernels
+
+    rx, ry = _radii(window)
+    planes = np.zeros((-(-(window[0] * window[1] - 1) // 8), *gray.shape), np.uint8)
+    padded = np.pad(gray, ((ry, ry), (rx, rx)), mode="edge")
+    kernels.census_planes(padded, threshold, ry, rx, flipped, planes)
+    return planes
+
+
+def match_census(
+    left: ArrayLike,
+    right: ArrayLike,
+    *,
+    num_disparities: int = 64,
+    min_disparity: int = 0,
+    block_size: int = 9,
+    window: tuple[int, int] = (5, 5),
+    subpixel: bool = True,
+    left_right_check: int | None = 1,
+    uniqueness_ratio: int = 0,
+    threads: int | None = None,
+    backend: str = "numba",
+) -> Disparity:
+    """Disparity by the least Hamming distance of census codes, argmin_d Σ popcount(code_L(x, y) ⊕ code_R(x − d, y)).
+
+    Parameters
+    ----------
+    left, right : array_like of shape (H, W) or (H, W, 3), uint8
+        The rectified pair; colour is turned to grey.
+    num_disparities, min_disparity : int
+        The candidates: `num_disparities` values from `min_disparity` up.
+    block_size : int
+        Side of the block over which distances are summed, odd.
+    window : (int, int)
+        Width and height of the census window.
+    subpixel : bool
+        Whether the disparity is refined to a fraction of a pixel.
+    left_right_check : int, optional
+        The largest difference, in pixels, to the right image's own best disparity; None does not check.
+    uniqueness_ratio : int
+        Percent by which the best sum must undercut all others that are not its neighbours; 0 does not ask.
+    threads : int, optional
+        How many threads share the rows; the result does not depend on it. None takes all cores.
+    backend : {"numba", "numpy"}
+        The kernels, or the readable reference.
+
+    Returns
+    -------
+    ndarray of shape (H, W), float32
+        Disparity of the left image, pixels; NaN where a check fails, and where a candidate outside the right image
+        is the best. There is no blind band at the left border.
+
+    Raises
+    ------
+    InputError
+        If the images are not a pair of equal uint8 images, or a parameter is out of its range.
+
+    Notes
+    -----
+    OpenCV has no such matcher in its main modules. The two backends are equal to the bit.
+    """
+    # These modules build on the codes above, so they are imported only now.
+    from stereocal.reconstruction.matching_costs import PixelCost, cost_volume, require_block_fits
+    from stereocal.reconstruction.sad import as_gray_pair
+    from stereocal.reconstruction.winner import Search, match_by_rows, select, thread_count
+
+    require_choice(backend, ("numba", "numpy"), "backend")
+    left_gray, right_gray = as_gray_pair(left, right)
+    _radii(window)
+    search = Search.checked(num_disparities, min_disparity, subpixel, left_right_check, uniqueness_ratio)
+    recipe = PixelCost(1, 0, False, (int(window[0]), int(window[1])))
+    block_size = require_integer(block_size, "block_size", minimum=1, odd=True)
+    require_block_fits(block_size, recipe)
+    if backend == "numpy":
+        volume = cost_volume(
+            left_gray, right_gray, num_disparities=search.num_disparities, min_disparity=search.min_disparity,
+            recipe=recipe, block_size=block_size, scaled=False,
+        )  # fmt: skip
+        return select(volume, search)
+    return match_by_rows(left_gray, right_gray, recipe, block_size, search, thread_count(threads))
+
+
+def _radii(window: tuple[int, int]) -> tuple[int, int]:
+    width, height = (require_integer(side, "a side of window", minimum=1, odd=True) for side in window)
+    if not 1 < width * height <= 65:
+        raise InputError(f"window must hold 2 to 65 pixels, but is {width}x{height}: the code has at most 64 bits")
+    return width // 2, height // 2

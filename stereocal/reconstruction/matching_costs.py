@@ -1,0 +1,268 @@
+"""How alike are two pixels: the cost of matching, for every pixel at every disparity.
+
+A matcher looks for disparities at which the two images look alike. What "alike" means is the matching cost, a number
+for each pixel (x, y) of the left image and each candidate d, the pixel (x − d, y) of the right one:
+
+``"census"``
+    The number of bits in which the two census codes differ (:mod:`stereocal.reconstruction.census`): how many of the 24
+    neighbours have changed sides, darker than the centre or not. Blind to exposure and gain, good at edges.
+``"bt"``
+    The difference of the grey values after Birchfield and Tomasi (1998), who ask how far I_L(x) is from the values that
+    the right image takes within half a pixel of x − d, and the reverse, and take the smaller:
+
+        max(0, I_L(x) − I⁺_R(x − d), I⁻_R(x − d) − I_L(x)),      I⁻, I⁺ = least, greatest of I(x), I(x ± ½).
+
+    Subpixel shifts of a steep edge then cost nothing.
+``"sad"``
+    The plain difference |I_L(x) − I_R(x − d)|.
+``"census+bt"``
+    Three times the first and the second up to 10 grey levels (after X. Mei et al., 2011, who blend census with absolute
+    differences). Where there is no texture the census bits are noise, while equal grey values are still a sign.
+
+Differences of grey values are cut off at a cap, so that a highlight seen by one camera does not outvote the rest.
+
+The single pixels' costs are averaged over a small block, then scaled to 0 … 64, whatever the cost, so that the
+penalties of semi-global matching mean the same for all:
+
+    C(x, y, d) = ⌊64 · mean over the block of c(x + i, y + j, d) / c_max⌋     (in 16-bit fixed point: see `scale`).
+
+**At the left border** the candidates of a pixel x are those d that fit, d ≤ x. (OpenCV matches no pixel with
+x < num_disparities.) A candidate outside the right image has a cost too, a third of the greatest: dearer than a good
+match and cheaper than a bad one. If such a candidate wins, what the pixel shows is most likely outside the right
+image, and there is no answer.
+
+Beyond the image, rows and columns of costs are copies of the outermost.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereocal.base.errors import InputError
+from stereocal.reconstruction.census import census_planes, census_transform
+
+Gray = NDArray[np.uint8]
+
+COST_MAX = 64
+"""The greatest scaled cost."""
+
+NOISE = 1
+"""A neighbour counts as darker if it is so by more than this many grey levels."""
+
+COSTS = ("census+bt", "census", "bt", "sad")
+
+
+@dataclass(frozen=True)
+class PixelCost:
+    """What the cost of one pixel is made of.
+
+    Attributes
+    ----------
+    census_weight : int
+        How often a differing bit of the census code counts; 0 leaves it out.
+    cap : int
+        The largest difference of grey values that counts; 0 leaves them out.
+    half_pixel : bool
+        Whether the difference is Birchfield and Tomasi's or the plain one.
+    window : (int, int)
+        The census window, (width, height).
+    """
+
+    census_weight: int
+    cap: int
+    half_pixel: bool
+    window: tuple[int, int] = (5, 5)
+
+    @property
+    def bits(self) -> int:
+        """The length of the census code."""
+        return self.window[0] * self.window[1] - 1
+
+    @property
+    def greatest(self) -> int:
+        """c_max, the greatest cost of a pixel."""
+        return self.census_weight * self.bits + self.cap
+
+    @property
+    def outside(self) -> int:
+        """The cost of a candidate outside the right image."""
+        return (self.greatest + 1) // 3
+
+    def scale(self, block_size: int) -> tuple[int, int]:
+        """Return (shift, factor) with which (sum · 2^shift · factor) >> 16 takes the block's sum to 0 … 64."""
+        greatest = self.greatest * block_size**2
+        shift = 0
+        while (greatest << shift) < COST_MAX:
+            shift += 1
+        return shift, min((COST_MAX << 16) // (greatest << shift), 65535)
+
+
+RECIPES = {
+    "census": PixelCost(1, 0, False),
+    "bt": PixelCost(0, 40, True),
+    "sad": PixelCost(0, 40, False),
+    "census+bt": PixelCost(3, 10, True),
+}
+
+
+def require_block_fits(block_size: int, recipe: PixelCost) -> None:
+    """Refuse a block whose sum of costs does not fit into 16 bits."""
+    largest = int((65534 / recipe.greatest) ** 0.5)
+    if block_size > largest:
+        raise InputError(f"block_size is {block_size}, but this cost takes at most {largest}: use a smaller block")
+
+
+def cost_volume(
+    left: Gray,
+    right: Gray,
+    *,
+    num_disparities: int,
+    min_disparity: int,
+    recipe: PixelCost,
+    block_size: int,
+    scaled: bool = True,
+) -> NDArray[np.int64]:
+    """Return C(x, y, d), the readable way.
+
+    Parameters
+    ----------
+    left, right : ndarray of shape (H, W), uint8
+        The rectified pair.
+    num_disparities, min_disparity : int
+        The candidates: `num_disparities` values from `min_disparity` up.
+    recipe : PixelCost
+        The cost of a pixel.
+    block_size : int
+        Side of the block, odd.
+    scaled : bool
+        Whether the costs are scaled to 0 … 64 or left as sums over the block.
+
+    Returns
+    -------
+    ndarray of shape (H, W, num_disparities), int64
+    """
+    height, width = left.shape
+    codes = [census_transform(image, window=recipe.window, threshold=NOISE, backend="numpy") for image in (left, right)]
+    l_level, r_level = _levels(left, recipe.half_pixel), _levels(right, recipe.half_pixel)
+    volume = np.full((height, width, num_disparities), recipe.outside, np.int64)
+    for i in range(num_disparities):
+        d = min_disparity + i
+        here, there = slice(max(d, 0), max(width + min(d, 0), 0)), slice(max(-d, 0), max(width - max(d, 0), 0))
+        if abs(d) >= width:
+            continue
+        cost = recipe.census_weight * np.bitwise_count(codes[0][:, here] ^ codes[1][:, there]).astype(np.int64)
+        if recipe.cap:
+            (value, low, high), (r_value, r_low, r_high) = l_level[:, :, here], r_level[:, :, there]
+            to_right = np.maximum(np.maximum(value - r_high, r_low - value), 0)
+            to_left = np.maximum(np.maximum(r_value - high, low - r_value), 0)
+            cost += np.minimum(np.minimum(to_right, to_left), recipe.cap)
+        volume[:, here, i] = cost
+    radius = block_size // 2
+    padded = np.pad(volume, ((radius, radius), (radius, radius), (0, 0)), mode="edge")
+    sums = np.lib.stride_tricks.sliding_window_view(padded, (block_size, block_size), axis=(0, 1)).sum(axis=(3, 4))
+    if not scaled:
+        return sums
+    shift, factor = recipe.scale(block_size)
+    return ((sums << shift) * factor) >> 16
+
+
+def _levels(image: Gray, half_pixel: bool) -> NDArray[np.int64]:
+    """I, I⁻ and I⁺: grey value, and the least and the greatest within half a pixel; all three I if not asked for."""
+    value = image.astype(np.int64)
+    if not half_pixel:
+        return np.stack([value, value, value])
+    padded = np.pad(value, ((0, 0), (1, 1)), mode="edge")
+    left, right = value + padded[:, :-2], value + padded[:, 2:]
+    low = np.minimum(value, np.minimum(left, right) // 2)
+    high = np.maximum(value, (np.maximum(left, right) + 1) // 2)
+    return np.stack([value, low, high])
+
+
+@dataclass(frozen=True)
+class PreparedPair:
+    """A pair laid out for the kernels: see :mod:`stereocal.reconstruction.matching_costs_kernels`."""
+
+    left_codes: Gray
+    right_codes: Gray
+    left_levels: Gray
+    right_levels: Gray
+    inside: Gray
+    outside: Gray
+    start: int
+    lanes: int
+    shape: tuple[int, int]
+
+
+def prepare_pair(
+    left: Gray, right: Gray, *, num_disparities: int, min_disparity: int, recipe: PixelCost
+) -> PreparedPair:
+    """Compute the codes and levels that the kernels compare, the right image flipped and with room for all lanes."""
+    height, width = left.shape
+    lanes = lanes_for(num_disparities)
+    before = max(0, -min_disparity)
+    after = max(0, min_disparity + lanes)
+    real = slice(before, before + width)
+    flipped = np.pad(right[:, ::-1], ((0, 0), (before, after)), mode="edge")
+    inside = np.zeros(flipped.shape[1], np.uint8)
+    inside[real] = 255
+    none = np.zeros((0, height, flipped.shape[1]), np.uint8)
+    with_codes, with_levels = recipe.census_weight > 0, recipe.cap > 0
+    window = recipe.window
+    return PreparedPair(
+        left_codes=census_planes(left, window=window, threshold=NOISE) if with_codes else none,
+        right_codes=census_planes(flipped, window=window, threshold=NOISE, flipped=True) if with_codes else none,
+        left_levels=_levels_u8(left, recipe.half_pixel) if with_levels else none,
+        right_levels=_levels_u8(flipped, recipe.half_pixel) if with_levels else none,
+        inside=inside,
+        outside=np.where(inside > 0, 0, recipe.outside).astype(np.uint8),
+        start=width - 1 + min_disparity + before,
+        lanes=lanes,
+        shape=(height, width),
+    )
+
+
+def _levels_u8(image: Gray, half_pixel: bool) -> Gray:
+    """:func:`_levels` in 8 bits: a mean of two that is rounded down is (a & b) + ((a ^ b) >> 1)."""
+    if not half_pixel:
+        return np.stack([image, image, image])
+    padded = np.pad(image, ((0, 0), (1, 1)), mode="edge")
+    least, greatest = np.minimum(padded[:, :-2], padded[:, 2:]), np.maximum(padded[:, :-2], padded[:, 2:])
+    down = (image & least) + ((image ^ least) >> 1)
+    up = (image | greatest) - ((image ^ greatest) >> 1)
+    return np.stack([image, np.minimum(image, down), np.maximum(image, up)])
+
+
+def lanes_for(num_disparities: int) -> int:
+    """Return how many lanes the kernels use: a multiple of 16, of 64 above 64, so that few kernels are compiled."""
+    step = 16 if num_disparities <= 64 else 64
+    return -(-num_disparities // step) * step
+
+
+def cost_rows(
+    pair: PreparedPair,
+    rows: tuple[int, int],
+    out: NDArray[Any],
+    *,
+    num_disparities: int,
+    recipe: PixelCost,
+    block_size: int,
+) -> None:
+    """Write the costs of `rows` into `out` (rows, W, lanes): scaled if it is uint8, sums if it is uint16."""
+    from stereocal.reconstruction import matching_costs_kernels as kernels
+    from stereocal.reconstruction.vector_primitives import lanes_of
+
+    width = pair.shape[1]
+    beyond = np.zeros(pair.lanes, out.dtype)
+    beyond[num_disparities:] = np.iinfo(out.dtype).max
+    shift, factor = recipe.scale(block_size)
+    kernels.cost_rows(
+        pair.left_codes, pair.right_codes, recipe.census_weight, pair.left_levels, pair.right_levels, recipe.cap,
+        pair.start, pair.inside, pair.outside, beyond, block_size // 2, shift,
+        factor if out.dtype == np.uint8 else 0, rows, lanes_of(pair.lanes),
+        np.empty((block_size + 1, width * pair.lanes), np.uint8), np.empty(width * pair.lanes, np.uint16),
+        out.reshape(-1),
+    )  # fmt: skip
