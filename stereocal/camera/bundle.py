@@ -251,7 +251,8 @@ def normal_equations(bundle: Bundle, state: BundleState) -> NormalEquations:
         for block in blocks:
             part = slice(int(bundle.offsets[block]) - rows.start, int(bundle.offsets[block + 1]) - rows.start)
             view = bundle.view_of_block[block]
-            Jz, Jv, e = J_shared[part].reshape(-1, free), J_pose[part].reshape(-1, 6), r[part].ravel()
+            e = r[part].ravel()
+            Jz, Jv = J_shared[part].reshape(len(e), free), J_pose[part].reshape(len(e), 6)
             out.U += Jz.T @ Jz
             out.b_shared += Jz.T @ e
             out.V[view] += Jv.T @ Jv

@@ -4,30 +4,45 @@ One step solves the damped equations of ``bundle`` by the Schur complement over 
 becomes of the damping μ, is decided by the gain ratio as in ``base.least_squares``. The iteration ends when
 
 - gradient: every |b_i| / √(A_ii F) ≤ 1e-10: the residuals are orthogonal to all that can be changed;
-- cost: the decrease that the undamped model still promises is ≤ 1e-14 F, or F has come down to rounding (1e-11 px a
-point);
+- cost: the decrease that the model still promises is ≤ 1e-14 F, or F has come down to rounding (1e-11 px a point);
 - step: no coordinate would move by more than 1e-12 of its own scale.
 
-μ is ignored by these tests only when it is small: a heavily damped step is short and promises little far from any
-optimum.
+The last two count only while μ is small: a heavily damped step is short and promises little, far from any optimum.
+
+The loop is written once. What it drives is an engine: :class:`NumpyEngine`, the equations of ``bundle`` as they
+stand, for every lens and option; or :class:`CompiledEngine`, their twin in ``bundle_kernels``.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
-from stereocal.base.checks import Float
+from stereocal.base.checks import Float, require_choice
 from stereocal.camera.bundle import Bundle, BundleState, NormalEquations, normal_equations
+from stereocal.camera.losses import LOSSES
 
 _GRADIENT_TOLERANCE = 1e-10
 _COST_TOLERANCE = 1e-14
 _STEP_TOLERANCE = 1e-12
 _PERFECT_FIT = 1e-11
+# A loss of F smaller than this, where hardly anything was promised, is rounding and not a wrong model.
+_ROUNDING = 1e-11
 # A step damped more than this says nothing about convergence.
 _TRUSTED_DAMPING = 1e-3
 _HOPELESS_DAMPING = 1e18
+
+# Where the kernels keep a model's coefficients: after fx fy cx cy s, in OpenCV's order k1 k2 p1 p2 k3 k4 k5 k6 s1 … s4.
+_KERNEL_SLOTS = {
+    "pinhole": np.arange(5, 5),
+    "polynomial": np.arange(5, 7),
+    "brown": np.arange(5, 10),
+    "rational": np.arange(5, 13),
+    "thin_prism": np.arange(5, 17),
+}
+_SLOTS = 17
 
 
 @dataclass
@@ -63,8 +78,28 @@ class BundleSolution:
         return self.equations.cost
 
 
+class BundleEngine(Protocol):
+    """What the loop needs: F and its normal equations at a state, and a step from there."""
+
+    equations: NormalEquations
+
+    def propose(self, mu: float) -> tuple[float, float, float] | None:
+        """Try the step for damping μ; return (promised decrease, max |Dδ|, F there), None if it cannot be computed."""
+
+    def accept(self) -> None:
+        """Move to where the last proposal led."""
+
+    def state(self) -> BundleState:
+        """Return the state."""
+
+
 def solve_bundle(
-    bundle: Bundle, state: BundleState, *, max_iterations: int = 200, initial_damping: float = 1e-3
+    bundle: Bundle,
+    state: BundleState,
+    *,
+    max_iterations: int = 200,
+    initial_damping: float = 1e-3,
+    backend: str = "numba",
 ) -> BundleSolution:
     """Minimise F from a starting state.
 
@@ -78,52 +113,71 @@ def solve_bundle(
         Limit on steps tried.
     initial_damping : float
         μ at the start, relative to the diagonal of the normal matrix.
+    backend : {"numba", "numpy"}
+        The compiled twin, where it knows the lens models and options of the bundle, or the equations in NumPy.
 
     Returns
     -------
     BundleSolution
     """
-    equations = normal_equations(bundle, state)
-    D2_shared, D2_views = _diagonals(equations)
+    require_choice(backend, ("numba", "numpy"), "backend")
+    compiled = backend == "numba" and has_kernel(bundle)
+    engine: BundleEngine = CompiledEngine(bundle, state) if compiled else NumpyEngine(bundle, state)
     mu, nu = initial_damping, 2.0
     iterations, reason = 0, ""
     floor = len(bundle.points) * _PERFECT_FIT**2
-    while np.isfinite(equations.cost) and iterations < max_iterations:
-        if equations.cost <= floor or gradient_norm(equations) <= _GRADIENT_TOLERANCE:
-            reason = "cost" if equations.cost <= floor else "gradient"
+    while np.isfinite(engine.equations.cost):
+        cost = engine.equations.cost
+        gradient = gradient_norm(engine.equations)
+        if cost <= floor or gradient <= _GRADIENT_TOLERANCE:
+            reason = "cost" if cost <= floor else "gradient"
+        if reason or iterations >= max_iterations or mu > _HOPELESS_DAMPING:
             break
         iterations += 1
-        step = _damped_step(equations, mu, D2_shared, D2_views)
-        if step is None:
+        trial = engine.propose(mu)
+        if trial is None:
             mu, nu = mu * nu, nu * 2
             continue
-        dz, dv = step
-        promised = _promised(equations, dz, dv)
-        trial_state = state.moved(bundle.G @ dz, dv)
-        trial = normal_equations(bundle, trial_state)
-        won = equations.cost - trial.cost
-        trusted = mu <= _TRUSTED_DAMPING
-        tiny = trusted and max(
-            np.max(np.abs(dz) * np.sqrt(D2_shared), initial=0.0), np.max(np.abs(dv) * np.sqrt(D2_views), initial=0.0)
-        ) <= _STEP_TOLERANCE * np.sqrt(equations.cost)
-        flat = trusted and promised <= _COST_TOLERANCE * equations.cost
-        # a loss where hardly anything was promised is rounding, not a wrong model
-        rounding = won <= 0 and promised <= 1e-11 * equations.cost and abs(won) <= 1e-11 * equations.cost and trusted
+        promised, longest, cost_there = trial
+        won = cost - cost_there
+        if mu <= _TRUSTED_DAMPING:
+            rounding = won <= 0 and max(promised, -won) <= _ROUNDING * cost
+            if longest <= _STEP_TOLERANCE * np.sqrt(cost):
+                reason = "step"
+            elif promised <= _COST_TOLERANCE * cost or rounding:
+                reason = "cost"
         if won > 0:
             rho = won / promised if promised > 0 else 1.0
-            state, equations = trial_state, trial
-            new_shared, new_views = _diagonals(equations)
-            D2_shared, D2_views = np.maximum(D2_shared, new_shared), np.maximum(D2_views, new_views)
-            mu, nu = max(mu * max(1 / 10, 1 - (2 * rho - 1) ** 3), 1e-16), 2.0
+            engine.accept()
+            mu, nu = max(mu * max(0.1, 1 - (2 * rho - 1) ** 3), 1e-16), 2.0
         else:
             mu, nu = mu * nu, nu * 2
-        if tiny or flat or rounding:
-            reason = "step" if tiny else "cost"
-            break
-        if mu > _HOPELESS_DAMPING:
-            break
     stopped = reason or ("iterations" if iterations >= max_iterations else "stalled")
-    return BundleSolution(state, equations, iterations, bool(reason), stopped, gradient_norm(equations))
+    equations = engine.equations
+    return BundleSolution(engine.state(), equations, iterations, bool(reason), stopped, gradient_norm(equations))
+
+
+def has_kernel(bundle: Bundle) -> bool:
+    """Whether the compiled twin knows this bundle: lenses of OpenCV's family without tilt, a flat board, no priors."""
+    return (
+        all(model.name in _KERNEL_SLOTS for model in bundle.models)
+        and bundle.shape_basis is None
+        and bundle.prior_weights is None
+        and bool((np.count_nonzero(bundle.G, axis=1) <= 1).all())
+    )
+
+
+def gradient_norm(equations: NormalEquations) -> float:
+    """Return the largest |b_i| / √(A_ii F), the cosine of residuals and a column of the Jacobian."""
+    if not np.isfinite(equations.cost) or equations.cost <= 0:
+        return 0.0 if equations.cost == 0 else float(np.inf)
+    D2_shared, D2_views = _diagonals(equations)
+    largest = 0.0
+    if equations.b_shared.size:
+        largest = float((np.abs(equations.b_shared) / np.sqrt(D2_shared)).max())
+    if equations.b_views.size:
+        largest = max(largest, float((np.abs(equations.b_views) / np.sqrt(D2_views)).max()))
+    return largest / float(np.sqrt(equations.cost))
 
 
 def schur_complement(equations: NormalEquations) -> tuple[Float, Float]:
@@ -144,21 +198,135 @@ def schur_complement(equations: NormalEquations) -> tuple[Float, Float]:
     numpy.linalg.LinAlgError
         If a V is singular: a view that does not determine its pose.
     """
-    V_inv_Wt = np.linalg.solve(equations.V, equations.W.transpose(0, 2, 1))
-    S = equations.U - np.einsum("vfi,vig->fg", equations.W, V_inv_Wt)
+    free = len(equations.U)
+    Wt = equations.W.transpose(0, 2, 1)
+    V_inv_Wt = np.linalg.solve(equations.V, Wt)
+    S = equations.U - Wt.reshape(-1, free).T @ V_inv_Wt.reshape(-1, free)
     return np.asarray(0.5 * (S + S.T)), np.asarray(V_inv_Wt)
 
 
-def gradient_norm(equations: NormalEquations) -> float:
-    """Return the largest |b_i| / √(A_ii F), the cosine of residuals and a column of the Jacobian."""
-    if not np.isfinite(equations.cost) or equations.cost <= 0:
-        return 0.0 if equations.cost == 0 else float(np.inf)
-    D2_shared, D2_views = _diagonals(equations)
-    largest = max(
-        np.max(np.abs(equations.b_shared) / np.sqrt(D2_shared), initial=0.0),
-        np.max(np.abs(equations.b_views) / np.sqrt(D2_views), initial=0.0),
-    )
-    return float(largest / np.sqrt(equations.cost))
+class NumpyEngine:
+    """The equations of ``bundle``, as they stand there."""
+
+    def __init__(self, bundle: Bundle, state: BundleState) -> None:
+        self._bundle, self._state = bundle, state
+        self.equations = normal_equations(bundle, state)
+        self._D2 = _diagonals(self.equations)
+        self._there = (state, self.equations)
+
+    def propose(self, mu: float) -> tuple[float, float, float] | None:
+        """Solve (A + μD²) δ = −b and evaluate F at the end of δ."""
+        step = _damped_step(self.equations, mu, *self._D2)
+        if step is None:
+            return None
+        dz, dv = step
+        state = self._state.moved(self._bundle.G @ dz, dv)
+        self._there = (state, normal_equations(self._bundle, state))
+        longest = max(
+            np.max(np.abs(dz) * np.sqrt(self._D2[0]), initial=0.0),
+            np.max(np.abs(dv) * np.sqrt(self._D2[1]), initial=0.0),
+        )
+        return _promised(self.equations, dz, dv), float(longest), self._there[1].cost
+
+    def accept(self) -> None:
+        """Move on; the scaling D keeps the largest diagonals met."""
+        self._state, self.equations = self._there
+        new = _diagonals(self.equations)
+        self._D2 = (np.maximum(self._D2[0], new[0]), np.maximum(self._D2[1], new[1]))
+
+    def state(self) -> BundleState:
+        """Return the state."""
+        return self._state
+
+
+class CompiledEngine:
+    """The same, by the kernels of ``bundle_kernels``; two sets of arrays, here and there, change places when a step is taken."""
+
+    def __init__(self, bundle: Bundle, state: BundleState) -> None:
+        from stereocal.camera import bundle_kernels as kernels
+
+        self._kernels = kernels
+        cameras, free, views = len(bundle.models), bundle.G.shape[1], bundle.view_count
+        self._slots = [np.concatenate([np.arange(5), _KERNEL_SLOTS[model.name]]) for model in bundle.models]
+        self._map = _kernel_map(bundle.G, self._slots)
+        whitening = np.zeros((4, 0)) if bundle.whitening is None else bundle.whitening.reshape(-1, 4).T
+        self._data = (
+            np.ascontiguousarray(bundle.points.T), np.ascontiguousarray(bundle.measured.T), bundle.offsets,
+            bundle.camera_of_block, bundle.view_of_block, np.ascontiguousarray(whitening), LOSSES.index(bundle.loss),
+            float(bundle.loss_scale),
+        )  # fmt: skip
+        theta = np.zeros((cameras, _SLOTS))
+        for row, values, slot in zip(theta, state.intrinsics, self._slots, strict=True):
+            row[slot] = values
+        self._here = (theta, np.array(state.R_rig, order="C"), np.array(state.t_rig, order="C"),
+                      np.array(state.R_views, order="C"), np.array(state.t_views, order="C"))  # fmt: skip
+        self._there = tuple(np.empty_like(part) for part in self._here)
+        shapes = ((free, free), (free,), (views, 6, 6), (views, 6), (views, free, 6))
+        self._blocks_here = tuple(np.empty(shape) for shape in shapes)
+        self._blocks_there = tuple(np.empty(shape) for shape in shapes)
+        self._scaling = (np.zeros(free), np.zeros((views, 6)))
+        self._work = (np.empty((free + 1, free)), np.empty((views, 6, 6)), np.empty((views, 6, free + 1)), np.empty(free),
+                      np.empty((views, 6)))  # fmt: skip
+        size = kernels.MAX_COLUMNS * kernels.CHUNK
+        self._scratch = (np.empty(kernels.SCRATCH_ROWS * kernels.CHUNK), np.empty(size), np.empty(size))
+        self._shape = state.shape
+        self.equations = NormalEquations(self._evaluate(self._here, self._blocks_here), *self._blocks_here)
+        self._cost_there = np.inf
+
+    def _evaluate(self, at: tuple[Float, ...], into: tuple[Float, ...]) -> float:
+        columns, counts, intrinsics, rigs, target, factor = self._map
+        return float(
+            self._kernels.normal_equations_kernel(
+                *self._data, *at, columns, counts, intrinsics, rigs, target, factor, *into, *self._scratch
+            )
+        )
+
+    def propose(self, mu: float) -> tuple[float, float, float] | None:
+        """Solve (A + μD²) δ = −b and evaluate F at the end of δ."""
+        _, _, intrinsics, rigs, target, factor = self._map
+        promised, longest = self._kernels.step_kernel(
+            *self._blocks_here,
+            mu,
+            *self._scaling,
+            *self._work,
+            target,
+            factor,
+            intrinsics,
+            rigs,
+            *self._here,
+            *self._there,
+        )
+        if promised == -1.0:
+            return None
+        self._cost_there = self._evaluate(self._there, self._blocks_there)
+        return promised, longest, self._cost_there
+
+    def accept(self) -> None:
+        """Move on."""
+        self._here, self._there = self._there, self._here
+        self._blocks_here, self._blocks_there = self._blocks_there, self._blocks_here
+        self.equations = NormalEquations(self._cost_there, *self._blocks_here)
+
+    def state(self) -> BundleState:
+        """Return the state."""
+        theta, *rest = self._here
+        return BundleState([row[slot] for row, slot in zip(theta, self._slots, strict=True)], *rest, self._shape)
+
+
+def _kernel_map(G: Float, slots: list[np.ndarray]) -> tuple[np.ndarray, ...]:
+    """G for the kernels: columns in use a camera and their number, first rows of θ_c and rig, target and factor of each row."""
+    cameras = len(slots)
+    count = _SLOTS * cameras + 6 * (cameras - 1)
+    target, factor = np.full(count, -1), np.zeros(count)
+    rows = np.concatenate([_SLOTS * c + slot for c, slot in enumerate(slots)] + [np.arange(_SLOTS * cameras, count)])
+    at, to = np.nonzero(G)
+    target[rows[at]], factor[rows[at]] = to, G[at, to]
+    columns, counts = np.zeros((cameras, _SLOTS), dtype=np.int64), np.zeros(cameras, dtype=np.int64)
+    for c in range(cameras):
+        used = np.flatnonzero(target[_SLOTS * c : _SLOTS * (c + 1)] >= 0)
+        columns[c, : len(used)], counts[c] = used, len(used)
+    return (columns, counts, _SLOTS * np.arange(cameras + 1), _SLOTS * cameras + 6 * (np.arange(cameras) - 1),
+            target, factor)  # fmt: skip
 
 
 def _diagonals(equations: NormalEquations) -> tuple[Float, Float]:
@@ -169,7 +337,7 @@ def _diagonals(equations: NormalEquations) -> tuple[Float, Float]:
 def _damped_step(
     equations: NormalEquations, mu: float, D2_shared: Float, D2_views: Float
 ) -> tuple[Float, Float] | None:
-    """Solve (A + μD²) δ = −b by blocks; None if it cannot be done to any precision."""
+    """Solve (A + μD²) δ = −b by blocks; None if A is singular to working precision."""
     V = equations.V + mu * D2_views[:, :, None] * np.eye(6)
     U = equations.U + mu * np.diag(D2_shared)
     damped = NormalEquations(equations.cost, U, equations.b_shared, V, equations.b_views, equations.W)
