@@ -19,7 +19,7 @@ from rich.console import RenderableType
 from stereocal import __version__
 from stereocal.base.errors import InputError
 from stereocal.cli.terminal import Terminal, print_json, results
-from stereocal.workflow.quantities import parse_inner_corners, parse_length
+from stereocal.workflow.quantities import parse_inner_corners, parse_length, parse_range
 
 app = App(
     name="stereocal",
@@ -300,9 +300,9 @@ def disparity(
     right : Path
         Photograph of the right camera.
     method : str
-        sad and bm are the paper's block matching, census stands bad light, sgm is the most complete.
+        sad is the paper's, bm is OpenCV's block matching, census stands bad light, sgm is the most complete.
     block_size : int
-        Side of the matching window; by default 21 for sad and bm, 9 for census, 5 for sgm.
+        Side of the matching window; by default 21 for sad and bm, 9 for census, 3 for sgm.
     num_disparities : int
         How many disparities are searched, from the smallest up: nearer things need more.
     min_disparity : int
@@ -336,3 +336,57 @@ def disparity(
         progress=Terminal(),
     )
     _answer(output, run.as_dict, summarize_depth_map(run))
+
+
+@app.command(sort_key=7)
+def sweep(
+    calibration: Path,
+    left: Path,
+    right: Path,
+    /,
+    *,
+    blocks: str = "5:255:2",
+    speckles: str = "50:200:10",
+    executor: str = "local",
+    out: Path = Path("out/sweep"),
+    output: Output | None = None,
+) -> None:
+    """Count disparities over window and speckle sizes: the paper's section 3, figures 7 and 8.
+
+    A sweep that is cut off goes on where it stopped when the same command is given again.
+
+    Example: `stereocal sweep out/calibration.json scene/left.jpg scene/right.jpg --out out/sweep`
+
+    Parameters
+    ----------
+    calibration : Path
+        What `stereocal calibrate` wrote, or a calibration in another tool's format.
+    left : Path
+        Photograph of the left camera.
+    right : Path
+        Photograph of the right camera.
+    blocks : str
+        Window sizes, FIRST:LAST:STEP.
+    speckles : str
+        Speckle sizes (areas in pixels), FIRST:LAST:STEP.
+    executor : str
+        local, local:N (threads), processes:N, or dask:ADDRESS of a scheduler.
+    out : Path
+        Folder for sweep.csv, figure7.png and figure8.png.
+    """
+    with _usage():
+        block_sizes, speckle_sizes = parse_range(blocks, "--blocks"), parse_range(speckles, "--speckles")
+    from stereocal.cli.summaries import summarize_sweep
+    from stereocal.workflow.sweeps import run_sweep
+
+    run = run_sweep(
+        calibration,
+        left,
+        right,
+        blocks=block_sizes,
+        speckles=speckle_sizes,
+        executor=executor,
+        out=out,
+        progress=Terminal(),
+    )
+    _answer(output, run.as_dict, summarize_sweep(run))

@@ -21,6 +21,7 @@ from stereocal.workflow.boards import DetectionRun
 from stereocal.workflow.calibrations import CalibrationRun
 from stereocal.workflow.depth_maps import DepthMapRun
 from stereocal.workflow.rectified_pairs import RectificationRun
+from stereocal.workflow.sweeps import SweepRun
 from stereocal.workflow.targets import TargetRun
 
 
@@ -133,8 +134,8 @@ def summarize_depth_map(run: DepthMapRun) -> Iterator[RenderableType]:
     if depth.size:
         low, middle, high = np.percentile(depth, (5, 50, 95))
         yield f"depth {low:.4g} to {high:.4g} (5 to 95 %), median {middle:.4g}, in the unit of the calibration"
-    largest = np.nanmax(run.disparity) if depth.size else -np.inf
-    if largest >= settings["min_disparity"] + settings["num_disparities"] - 1.5:
+    top = settings["min_disparity"] + settings["num_disparities"] - 1.5
+    if np.mean(run.disparity >= top) > 0.005:
         yield "  note: the largest disparity that was searched is reached: nearer things need --num-disparities "
         yield f"        {2 * settings['num_disparities']} or more"
     yield from _files(run.files, run.folder)
@@ -152,6 +153,18 @@ def summarize_target(run: TargetRun) -> Iterator[RenderableType]:
         "print it at 100 % (not 'fit to page'), measure the bar with a ruler, glue the sheet onto something flat",
         _command("stereocal", "calibrate", "LEFT", "RIGHT", "--inner-corners", str(board), "--square", square),
     )
+
+
+def summarize_sweep(run: SweepRun) -> Iterator[RenderableType]:
+    """How large the grid is, and where the count is highest."""
+    table = run.table
+    yield f"[bold]{len(table)} cells[/]: {len(table.block_sizes)} windows x {len(table.speckle_sizes)} speckle sizes"
+    if run.resumed:
+        yield f"  {run.resumed} windows were there already; the sweep went on from them"
+    least = table.speckle_sizes[0]
+    yield f"most disparities above 0 with a window of [bold]{table.best_block()}[/] (speckle size {least})"
+    yield "  [dim]a count alone ranks nothing: figure7.png shows its ceiling and what the right image confirms[/]"
+    yield from _files(run.files, run.folder)
 
 
 def _files(files: tuple[Path, ...], folder: Path | None = None) -> Iterator[RenderableType]:

@@ -1,8 +1,8 @@
 """``disparity``: disparity, depth and point cloud of one pair.
 
 The pair is rectified, matched row by row, cleaned of speckles, and turned into depth by Q. Each file of the result has
-another reader: PFM and 16-bit PNG hold the numbers, the coloured PNG is for the eye, ``depth.pfm`` is in the unit of the
-calibration, ``cloud.ply`` is in colour, and ``rectification.json`` says in which frame all of it is.
+another reader: PFM and 16-bit PNG hold the numbers, the coloured PNG is for the eye, ``depth.pfm`` is in the unit of
+the calibration, ``cloud.ply`` is in colour, and ``rectification.json`` says in which frame all of it is.
 
 Matchers work on 8-bit grey. Pictures of more bits are brought to 8 by one factor for both, so that grey values stay
 comparable between left and right.
@@ -37,7 +37,7 @@ from stereocal.workflow.rectified_pairs import load_rig, rectify_for_viewing, re
 
 METHODS = ("sad", "bm", "census", "sgm")
 
-BLOCK_SIZES = {"sad": 21, "bm": 21, "census": 9, "sgm": 5}
+BLOCK_SIZES = {"sad": 21, "bm": 21, "census": 9, "sgm": 3}
 """Block size by method when none is given: the paper's for block matching, small where smoothness is asked for."""
 
 Image = NDArray[Any]
@@ -154,7 +154,7 @@ def compute_disparity(
     pair = Pair(Photograph(Path(left)), Photograph(Path(right)))
     with staged_folder(out) as staged:
         images = pair.left.read(), pair.right.read()
-        require_size_of_rig(pair, tuple((image.shape[1], image.shape[0]) for image in images), rig)  # type: ignore[arg-type]
+        require_size_of_rig(pair, images, rig)
         if settings["num_disparities"] >= rig.left.image_size[0]:
             raise InputError(
                 f"--num-disparities {num_disparities} is more than the images are wide ({rig.left.image_size[0]} px); "
@@ -217,9 +217,11 @@ def match_rectified(
 ) -> Disparity:
     """Match a rectified pair with one of the four matchers and drop speckles."""
     matcher = getattr(stereocal, f"match_{method}")  # the public names, imported when first used
-    disparity: Disparity = matcher(
-        left, right, num_disparities=num_disparities, min_disparity=min_disparity, block_size=block_size
-    )
+    settings = {"num_disparities": num_disparities, "min_disparity": min_disparity, "block_size": block_size}
+    if method == "sgm":  # has a speckle filter of its own, with the range that suits its slanted surfaces
+        smooth: Disparity = matcher(left, right, **settings, speckle_size=speckle_size)
+        return smooth
+    disparity: Disparity = matcher(left, right, **settings)
     if speckle_size:
         disparity = stereocal.filter_speckles(disparity, max_size=speckle_size, max_difference=1.0)
     return disparity

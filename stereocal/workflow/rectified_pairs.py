@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from numpy.typing import NDArray
+
 from stereocal.base.atomic_files import write_whole
 from stereocal.base.errors import DataFileError
 from stereocal.pair.rectification import Rectification
@@ -148,7 +150,7 @@ def load_rig(calibration: str | os.PathLike[str]) -> StereoRig:
     return rig
 
 
-def require_size_of_rig(pair: Pair, sizes: tuple[tuple[int, int], tuple[int, int]], rig: StereoRig) -> None:
+def require_size_of_rig(pair: Pair, images: tuple[NDArray[Any], NDArray[Any]], rig: StereoRig) -> None:
     """Refuse photographs that the calibration does not fit.
 
     Raises
@@ -156,19 +158,24 @@ def require_size_of_rig(pair: Pair, sizes: tuple[tuple[int, int], tuple[int, int
     DataFileError
         If left and right differ in size, or their size is not the calibration's.
     """
-    if sizes[0] != sizes[1]:
+    left, right = (_size_of(image) for image in images)
+    if left != right:
         raise DataFileError(
             pair.right.path,
-            f"is {_spelt(sizes[1])}, but its left photograph is {_spelt(sizes[0])}; both must have the size of the "
+            f"is {_spelt(right)}, but its left photograph is {_spelt(left)}; both must have the size of the "
             f"calibration, {_spelt(rig.left.image_size)}",
         )
-    for photograph, size, camera in zip((pair.left, pair.right), sizes, (rig.left, rig.right), strict=True):
-        if size != camera.image_size:
+    for photograph, camera in ((pair.left, rig.left), (pair.right, rig.right)):
+        if left != camera.image_size:
             raise DataFileError(
                 photograph.path,
-                f"is {_spelt(size)}, but the calibration is of {_spelt(camera.image_size)} images; use photographs "
+                f"is {_spelt(left)}, but the calibration is of {_spelt(camera.image_size)} images; use photographs "
                 "of that size, or calibrate at this one",
             )
+
+
+def _size_of(image: NDArray[Any]) -> tuple[int, int]:
+    return image.shape[1], image.shape[0]
 
 
 def _spelt(size: tuple[int, int]) -> str:
@@ -177,7 +184,7 @@ def _spelt(size: tuple[int, int]) -> str:
 
 def _rectify_one(pair: Pair, rig: StereoRig, rectification: Rectification, staged: StagedFolder) -> None:
     left, right = pair.left.read(), pair.right.read()
-    require_size_of_rig(pair, ((left.shape[1], left.shape[0]), (right.shape[1], right.shape[0])), rig)
+    require_size_of_rig(pair, (left, right), rig)
     rectified = rectification.apply(left, right)
     names = (f"left_{pair.left.path.stem}.png", f"right_{pair.right.path.stem}.png")
     for name, image in zip(names, rectified, strict=True):
