@@ -10,14 +10,16 @@ between them differ in the function that they believe the samples came from.
 
 two blends along x and one along y. **Bicubic** is Keys' convolution of 4 × 4 samples with the weights
 
-    w(s) = (c + 2)|s|³ − (c + 3)|s|² + 1   for |s| ≤ 1,     c|s|³ − 5c|s|² + 8c|s| − 4c   for 1 < |s| < 2,
+    w(s) = (c + 2)|s|³ − (c + 3)|s|² + 1     for |s| ≤ 1,
+    w(s) = c|s|³ − 5c|s|² + 8c|s| − 4c       for 1 < |s| < 2,
 
-c = −0.75 as in OpenCV (Keys' own choice, −0.5, reproduces quadratics). It keeps contrast better and overshoots at edges,
-so whole-number images are clipped to their range.
+c = −0.75 as in OpenCV (Keys' own choice, −0.5, reproduces quadratics). It keeps contrast better and overshoots at
+edges, so that whole-number images are clipped to their range.
 
-**How exact.** OpenCV up to 4 rounds every place to 1/32 pixel and the weights to 1/1024 or 1/32768, which moves edges by
-up to 0.016 px and changes grey values by several units at strong edges. OpenCV 5.0 interpolates bilinearly in float32
-without a table, and so does this: equal to the last bit. Its bicubic still goes by the table; this one does not.
+**How exact.** OpenCV up to 4 rounds every place to 1/32 pixel and the weights to 1/1024 or 1/32768, which moves edges
+by up to 0.016 px and changes grey values by several units at strong edges. OpenCV 5.0 interpolates bilinearly in
+float32 without a table, and so does this: equal to the last bit. Its bicubic still goes by the table; this one does
+not.
 
 A map can also be *inverted*: see ``undistortion`` for the forward and the inverse map of a lens.
 

@@ -1,22 +1,22 @@
 """One order for the corners of both pictures, on boards that look the same after half a turn.
 
-A detector lists a board's corners row by row from *a* corner of the board. When columns + rows is even, the board turned
-by 180° is the same board, colours and all, and which of its two ends comes first is chance: a detector may start at
-opposite ends in the left and in the right picture of one pair. (A square board of even side looks the same after every
-quarter turn.) Each camera by itself never notices: turned corners fit a turned board as well. The pair does: it
+A detector lists a board's corners row by row from *a* corner of the board. When columns + rows is even, the board
+turned by 180° is the same board, colours and all, and which of its two ends comes first is chance: a detector may start
+at opposite ends in the left and in the right picture of one pair. (A square board of even side looks the same after
+every quarter turn.) Each camera by itself never notices: turned corners fit a turned board as well. The pair does: it
 is told that the left camera's first corner is the right camera's last one, and one such pair of eleven takes a stereo
 calibration from 0.09 px to 29 px.
 
-**Finding the turned pairs.** Calibrate each camera alone, which is insensitive to the turn, and take from the poses of view
-i the rotation from left to right camera, R_i = R_right,i R_left,iᵀ. In a rigid rig all R_i are the same. If the right
-corners come turned by D (180° about the board's normal), what is measured instead is R_right,i Dᵀ R_left,iᵀ: half a turn off,
-about an axis that moves with the board. So every pair offers one candidate rotation for each turn of the board; the rotation
-R* that leaves the least total angle from the nearest candidate of every pair is the rig's, and the turn that each pair
-needs to get there is the repair.
+**Finding the turned pairs.** Calibrate each camera alone, which is insensitive to the turn, and take from the poses of
+view i the rotation from left to right camera, R_i = R_right,i R_left,iᵀ. In a rigid rig all R_i are the same. If the
+right corners come turned by D (180° about the board's normal), what is measured instead is R_right,i Dᵀ R_left,iᵀ: half
+a turn off, about an axis that moves with the board. So every pair offers one candidate rotation for each turn of the
+board; the rotation R* that leaves the least total angle from the nearest candidate of every pair is the rig's, and the
+turn that each pair needs to get there is the repair.
 
 If all views hold the board the same way, the turned candidates agree with one another too, and nothing in the rotations
-tells which is true. The tie is broken by the milder rig: two cameras side by side are turned against one another by less
-than a right angle.
+tells which is true. The tie is broken by the milder rig: two cameras side by side are turned against one another by
+less than a right angle.
 
 **A sensible order.** What is left is one common choice for both pictures of a pair. It is made so that the board's x
 axis runs to the right in the left picture (or down, if the axis stands upright), as a reader would count.

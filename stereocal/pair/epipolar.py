@@ -1,7 +1,33 @@
-"""Epipolar geometry: what one picture says about where to look in the other.
+"""Epipolar geometry: what a point in one picture says about where to look in the other.
 
 A point x of the left picture is a ray in space; seen by the right camera, that ray is a line, l' = F x. A match x' lies
-on it: x'ᵀ F x = 0. All epipolar lines of a picture meet in its epipole, the other camera's image: F e = 0, Fᵀ e' = 0.
+on it,
+
+    x'ᵀ F x = 0,
+
+which is the paper's [eq 20] in the field's usual order: F takes left points to right lines, Fᵀ right points to left
+lines. The rays of all points pass through the left camera's centre, so all lines of the right picture meet in that
+centre's image, the epipole e', and F e = 0, Fᵀ e' = 0: F has rank 2.
+
+**How far is a pair from satisfying it?** With n = (F x)₁₂ and n' = (Fᵀ x')₁₂ the normals of the two lines, and
+c = x'ᵀ F x:
+
+- *algebraic*: c itself; cheap, and without meaning in pixels;
+- *epipolar*: the distances of each point from the other's line, |c|/‖n‖ in the right and |c|/‖n'‖ in the left picture;
+- *Sampson*: c² / (‖n‖² + ‖n'‖²), the first-order estimate of the next;
+- *reprojection*: the smallest ‖x − x̂‖² + ‖x' − x̂'‖² with x̂'ᵀ F x̂ = 0. This is what maximum likelihood asks for.
+
+The last one is a small problem of its own, :func:`correct_matches`. At the solution x̂ = x − λ n, x̂' = x' − λ n', the
+normals taken *at the solution*. Lindstrom's iteration takes them at the last estimate and solves the constraint for λ,
+a quadratic with a = n'ᵀ F̃ n (F̃ the upper left 2 × 2 of F), b = ½(‖n‖² + ‖n'‖²) and the constant c:
+
+    a λ² − 2 b λ + c = 0,      λ = c / (b + √(b² − a c)).
+
+It converges quadratically: after two rounds it is at the optimum to all digits that a camera can use. Hartley and
+Sturm's classical solution needs the roots of a polynomial of degree six for each point.
+
+Sources: R. Hartley, A. Zisserman, *Multiple View Geometry* (2004), chapters 9, 11 and 12; P. Lindstrom, *Triangulation
+made easy*, CVPR 2010.
 """
 
 from __future__ import annotations
@@ -13,9 +39,22 @@ from stereocal.base.checks import Float, as_array, as_points, require_choice
 from stereocal.base.errors import InputError
 from stereocal.base.homogeneous import to_homogeneous
 
+_LINDSTROM_ROUNDS = 6
+
 
 def point_pairs(left: ArrayLike, right: ArrayLike, minimum: int = 0) -> tuple[Float, Float]:
     """Return two (N, 2) arrays of matching points, or refuse them.
+
+    Parameters
+    ----------
+    left, right : array_like of shape (N, 2), (N, 1, 2) or (1, N, 2)
+        Point i of one belongs to point i of the other.
+    minimum : int
+        The least number of pairs that the caller can work with.
+
+    Returns
+    -------
+    left, right : ndarray of shape (N, 2)
 
     Raises
     ------
@@ -39,25 +78,52 @@ def epipolar_lines(points: ArrayLike, F: ArrayLike, *, of: str = "left") -> Floa
     F : array_like of shape (3, 3)
         The fundamental matrix, x_rightᵀ F x_left = 0.
     of : {"left", "right"}
-        Which picture the points are of: l = F x for the left one, Fᵀ x for the right one.
+        Which picture the points are of: l' = F x for the left one, l = Fᵀ x' for the right one.
 
     Returns
     -------
     ndarray of shape (N, 3)
+        (0, 0, 0) for an epipole, whose line is not determined.
 
     Notes
     -----
-    Paper: [eq 20]. Answers to ``cv2.computeCorrespondEpilines``.
+    Paper: [eq 20]. Answers to ``cv2.computeCorrespondEpilines`` (agreement 1e-12 up to sign).
     """
     matrix = as_array(F, (3, 3), "F")
     require_choice(of, ("left", "right"), "of")
     lines = to_homogeneous(as_points(points, 2, "points")) @ (matrix.T if of == "left" else matrix)
     length = np.hypot(lines[:, 0], lines[:, 1])[:, None]
-    return np.asarray(lines / np.where(length > 0, length, 1.0))
+    return np.asarray(np.divide(lines, length, out=np.zeros_like(lines), where=length > 0))
+
+
+def epipoles(F: ArrayLike) -> tuple[Float, Float]:
+    """Return the epipoles e and e' as unit vectors of homogeneous pixels: F e = 0, Fᵀ e' = 0.
+
+    Parameters
+    ----------
+    F : array_like of shape (3, 3)
+        The fundamental matrix.
+
+    Returns
+    -------
+    left, right : ndarray of shape (3,)
+        Divide by the last entry for pixels; it is 0 for an epipole at infinity, as in a rectified pair. The sign is
+        such that the largest entry is positive.
+    """
+    U, _, Vt = np.linalg.svd(as_array(F, (3, 3), "F"))
+    left, right = Vt[2], U[:, 2]
+    return left * np.sign(left[np.argmax(np.abs(left))]), right * np.sign(right[np.argmax(np.abs(right))])
+
+
+def _constraint(left: Float, right: Float, F: Float) -> tuple[Float, Float, Float]:
+    """Return c = x'ᵀFx and the normals n = (Fx)₁₂ of the right line and n' = (Fᵀx')₁₂ of the left one."""
+    x, xp = to_homogeneous(left), to_homogeneous(right)
+    right_lines, left_lines = x @ F.T, xp @ F
+    return np.sum(xp * right_lines, axis=1), right_lines[:, :2], left_lines[:, :2]
 
 
 def sampson_distance(left_points: ArrayLike, right_points: ArrayLike, F: ArrayLike) -> Float:
-    """Return the squared Sampson distance of each pair, (x'ᵀFx)² / ((Fx)₁² + (Fx)₂² + (Fᵀx')₁² + (Fᵀx')₂²).
+    """Return the squared Sampson distance of each pair, (x'ᵀFx)² / (‖(Fx)₁₂‖² + ‖(Fᵀx')₁₂‖²).
 
     Parameters
     ----------
@@ -69,17 +135,72 @@ def sampson_distance(left_points: ArrayLike, right_points: ArrayLike, F: ArrayLi
     Returns
     -------
     ndarray of shape (N,)
-        Squared pixels.
+        Squared pixels; 0 for a pair of epipoles.
 
     Notes
     -----
-    Answers to ``cv2.sampsonDistance``.
+    First order in the error, about the squared reprojection error of :func:`correct_matches`. Answers to
+    ``cv2.sampsonDistance`` (agreement 1e-12).
+    """
+    left, right = point_pairs(left_points, right_points)
+    c, n, n_left = _constraint(left, right, as_array(F, (3, 3), "F"))
+    weight = np.sum(n**2, axis=1) + np.sum(n_left**2, axis=1)
+    return np.asarray(np.divide(c**2, weight, out=np.zeros_like(c), where=weight > 0))
+
+
+def symmetric_epipolar_distance(left_points: ArrayLike, right_points: ArrayLike, F: ArrayLike) -> Float:
+    """Return the sum of squared distances from both epipolar lines, (x'ᵀFx)² (1/‖(Fx)₁₂‖² + 1/‖(Fᵀx')₁₂‖²).
+
+    Parameters
+    ----------
+    left_points, right_points : array_like of shape (N, 2)
+        Matching pixels.
+    F : array_like of shape (3, 3)
+        The fundamental matrix.
+
+    Returns
+    -------
+    ndarray of shape (N,)
+        Squared pixels; infinite where a point is an epipole and its pair is not on a line.
+    """
+    left, right = point_pairs(left_points, right_points)
+    c, n, n_left = _constraint(left, right, as_array(F, (3, 3), "F"))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = c**2 * (1 / np.sum(n**2, axis=1) + 1 / np.sum(n_left**2, axis=1))
+    return np.asarray(np.where(c == 0, 0.0, distance))
+
+
+def correct_matches(left_points: ArrayLike, right_points: ArrayLike, F: ArrayLike) -> tuple[Float, Float]:
+    """Move each pair to the nearest pair that satisfies x'ᵀ F x = 0: min ‖x − x̂‖² + ‖x' − x̂'‖².
+
+    Parameters
+    ----------
+    left_points, right_points : array_like of shape (N, 2)
+        Matching pixels.
+    F : array_like of shape (3, 3)
+        The fundamental matrix.
+
+    Returns
+    -------
+    left, right : ndarray of shape (N, 2)
+        Their rays meet in a point of space.
+
+    Notes
+    -----
+    Lindstrom's iteration. Answers to ``cv2.correctMatches``, which solves a polynomial of degree six (agreement
+    1e-6 px, and never a larger cost).
     """
     left, right = point_pairs(left_points, right_points)
     matrix = as_array(F, (3, 3), "F")
-    x, xp = to_homogeneous(left), to_homogeneous(right)
-    lines_right, lines_left = x @ matrix.T, xp @ matrix
-    error = np.sum(xp * lines_right, axis=1)
-    return np.asarray(
-        error**2 / (lines_right[:, 0] ** 2 + lines_right[:, 1] ** 2 + lines_left[:, 0] ** 2 + lines_left[:, 1] ** 2)
-    )
+    matrix = matrix / np.linalg.norm(matrix)
+    c, n, n_left = _constraint(left, right, matrix)
+    corner = matrix[:2, :2]
+    move_left, move_right = np.zeros_like(left), np.zeros_like(right)
+    for _ in range(_LINDSTROM_ROUNDS):
+        a = np.einsum("ni,ij,nj->n", n, corner, n_left)
+        b = 0.5 * (np.sum(n**2, axis=1) + np.sum(n_left**2, axis=1))
+        root = np.sqrt(np.maximum(b * b - a * c, 0.0))
+        step = np.divide(c, b + root, out=np.zeros_like(c), where=b + root > 0)[:, None]
+        move_left, move_right = step * n_left, step * n
+        _, n, n_left = _constraint(left - move_left, right - move_right, matrix)
+    return left - move_left, right - move_right

@@ -21,8 +21,8 @@ That costs nothing but a few pixels of crop: rectified rows match in any frame. 
 undistorted to convergence, and rays further than 75° off the axis, which no flat picture can show, are left out.
 
 **The common view.** OpenCV's rule centres each picture and looks at zoom only, and so may cut off what both cameras see
-while it shows what only one does. :func:`common_view` takes the rectangle that lies within *both* inner rectangles, brings
-its middle to the middle of the picture, and zooms until it just fits.
+while it shows what only one does. :func:`common_view` takes the rectangle that lies within *both* inner rectangles,
+brings its middle to the middle of the picture, and zooms until it just fits.
 """
 
 from __future__ import annotations

@@ -18,8 +18,8 @@ With X_right = R X_left + T, three steps:
 The sign in step 2 matters: it keeps the pictures upright whichever camera stands on the left. When the cameras were
 swapped (T_x > 0), the rectified baseline stays positive, and it is the disparity that changes its sign.
 
-Sources: J.-Y. Bouguet, *Camera Calibration Toolbox for Matlab*, function ``rectify_stereo_pair``; the decision between x
-and y and the sign of e as in ``cv2.stereoRectify``.
+Sources: J.-Y. Bouguet, *Camera Calibration Toolbox for Matlab*, function ``rectify_stereo_pair``; the decision between
+x and y and the sign of e as in ``cv2.stereoRectify``.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Triangulation: the point in space that two cameras see at two pixels.
 
-**Linear** (DLT). A camera P with rows p₁ᵀ, p₂ᵀ, p₃ᵀ sees X at x = p₁ᵀX / p₃ᵀX, so (x p₃ − p₁)ᵀ X = 0, and likewise for y.
-Two views give four equations A X = 0 in four homogeneous unknowns; X is the right singular vector of A's smallest
+**Linear** (DLT). A camera P with rows p₁ᵀ, p₂ᵀ, p₃ᵀ sees X at x = p₁ᵀX / p₃ᵀX, so (x p₃ − p₁)ᵀ X = 0, and likewise for
+y. Two views give four equations A X = 0 in four homogeneous unknowns; X is the right singular vector of A's smallest
 singular value.
 """
 

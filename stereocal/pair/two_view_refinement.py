@@ -1,0 +1,160 @@
+"""Gold-Standard refinement: the F, or the motion, that makes the pictures' errors smallest.
+
+The linear solvers minimise an algebraic error. With independent equal errors of the image points, maximum likelihood
+asks for the F of rank 2 and the *corrected* points x̂, x̂' that minimise
+
+    Σᵢ ‖xᵢ − x̂ᵢ‖² + ‖x'ᵢ − x̂'ᵢ‖²      subject to      x̂'ᵢᵀ F x̂ᵢ = 0.
+
+Given F, the best x̂ᵢ, x̂'ᵢ are known (``epipolar.correct_matches``), so that only F is left to search for, and each
+pair contributes one residual: its signed distance from the nearest pair that satisfies F. That is the same optimum as
+the textbook's bundle adjustment over F and N points in space, at the cost of seven unknowns.
+
+F must keep rank 2 on the way. Its singular value decomposition does that: with F₀ = U diag(1, s₀, 0) Vᵀ,
+
+    F = U R(α) diag(1, s₀ + σ, 0) R(β)ᵀ Vᵀ,
+
+three numbers α, three β and σ: seven, the degrees of freedom of F (Bartoli and Sturm, 2004). For an essential matrix
+the unknowns are the motion: R = R(ω) R₀, and t = t₀ + b₁τ₁ + b₂τ₂, normalised, with b₁, b₂ orthogonal to t₀: five.
+
+Sources: R. Hartley, A. Zisserman, *Multiple View Geometry* (2004), section 11.4; A. Bartoli, P. Sturm, *Nonlinear
+estimation of the fundamental matrix with minimal parameters*, PAMI 26 (2004).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from stereocal.base.checks import Float
+from stereocal.base.homogeneous import cross_matrix
+from stereocal.base.least_squares import central_differences, minimize_least_squares
+from stereocal.base.rotations import rotation_matrix
+from stereocal.pair.epipolar import correct_matches, sampson_distance
+from stereocal.pair.two_view_solvers import normalizing_transform
+
+
+class RefinedFundamental(NamedTuple):
+    """F at the optimum, the covariance of its nine entries (row by row, ‖F‖ = 1), and the errors' RMS in pixels."""
+
+    F: Float
+    covariance: Float
+    rms: float
+
+
+class RefinedMotion(NamedTuple):
+    """R and t at the optimum, the covariance of (ω, τ), and the errors' RMS in pixels."""
+
+    R: Float
+    t: Float
+    covariance: Float
+    rms: float
+
+
+def signed_distances(left: Float, right: Float, F: Float) -> Float:
+    """Return each pair's distance from the nearest pair that satisfies F, with the sign of x'ᵀ F x, in pixels.
+
+    Parameters
+    ----------
+    left, right : ndarray of shape (N, 2)
+    F : ndarray of shape (3, 3)
+
+    Returns
+    -------
+    ndarray of shape (N,)
+    """
+    best_left, best_right = correct_matches(left, right, F)
+    distance = np.sqrt(np.sum((left - best_left) ** 2, axis=1) + np.sum((right - best_right) ** 2, axis=1))
+    lines = left @ F[:, :2].T + F[:, 2]
+    side = lines[:, 0] * right[:, 0] + lines[:, 1] * right[:, 1] + lines[:, 2]
+    return np.asarray(np.where(side < 0, -distance, distance))
+
+
+def _first_order(left: Float, right: Float, F: Float) -> Float:
+    """Signed square root of the Sampson distance: what the distance above is to first order."""
+    lines = left @ F[:, :2].T + F[:, 2]
+    side = lines[:, 0] * right[:, 0] + lines[:, 1] * right[:, 1] + lines[:, 2]
+    return np.asarray(np.sign(side) * np.sqrt(sampson_distance(left, right, F)))
+
+
+def refine_fundamental(F: Float, left: Float, right: Float) -> RefinedFundamental:
+    """Minimise the sum of squared distances of the points from F, over all F of rank 2.
+
+    Parameters
+    ----------
+    F : ndarray of shape (3, 3)
+        Where to begin.
+    left, right : ndarray of shape (N, 2)
+        Matching pixels without outliers, N ≥ 7.
+
+    Returns
+    -------
+    RefinedFundamental
+        F with ‖F‖ = 1. The covariance is for the noise that the residuals show, N − 7 degrees of freedom.
+    """
+    T1, T2 = normalizing_transform(left), normalizing_transform(right)
+    U, s, Vt = np.linalg.svd(np.linalg.inv(T2).T @ F @ np.linalg.inv(T1))
+    U, Vt = U * np.linalg.det(U), Vt * np.linalg.det(Vt)
+
+    def matrix(x: Float) -> Float:
+        middle = rotation_matrix(x[:3]) @ np.diag([1.0, s[1] / s[0] + x[6], 0.0]) @ rotation_matrix(x[3:6]).T
+        full = T2.T @ U @ middle @ Vt @ T1
+        return np.asarray(full / np.linalg.norm(full))
+
+    # the derivative of the first-order distance is that of the distance itself, to first order in the noise
+    fit = minimize_least_squares(
+        lambda x: signed_distances(left, right, matrix(x)),
+        np.zeros(7),
+        jacobian=lambda x: central_differences(lambda y: _first_order(left, right, matrix(y)), x),
+        max_iterations=30,
+        cost_tolerance=1e-12,
+    )
+    best = matrix(fit.x)
+    J = central_differences(lambda x: matrix(x).ravel(), fit.x)
+    with np.errstate(invalid="ignore"):
+        covariance = J @ fit.covariance() @ J.T
+    return RefinedFundamental(best, covariance, float(np.sqrt(fit.cost / len(left))))
+
+
+def refine_motion(
+    R: Float, t: Float, left: Float, right: Float, K_left: Float, K_right: Float, *, max_iterations: int = 30
+) -> RefinedMotion:
+    """Minimise the sum of squared distances of the points from F = K_right⁻ᵀ [t]ₓ R K_left⁻¹, over R and t.
+
+    Parameters
+    ----------
+    R : ndarray of shape (3, 3)
+        Where to begin.
+    t : ndarray of shape (3,)
+        Unit vector.
+    left, right : ndarray of shape (N, 2)
+        Matching undistorted pixels without outliers, N ≥ 5.
+    K_left, K_right : ndarray of shape (3, 3)
+        Camera matrices.
+    max_iterations : int
+        Limit on steps.
+
+    Returns
+    -------
+    RefinedMotion
+        t is a unit vector; the covariance (5, 5) is that of ω (radians) and of τ (radians of t's direction).
+    """
+    inverse_left, inverse_right = np.linalg.inv(K_left), np.linalg.inv(K_right)
+    across = np.linalg.svd(t[None, :])[2][1:]
+
+    def motion(x: Float) -> tuple[Float, Float]:
+        direction = t + x[3:] @ across
+        return rotation_matrix(x[:3]) @ R, direction / np.linalg.norm(direction)
+
+    def matrix(x: Float) -> Float:
+        rotation, direction = motion(x)
+        return np.asarray(inverse_right.T @ cross_matrix(direction) @ rotation @ inverse_left)
+
+    fit = minimize_least_squares(
+        lambda x: signed_distances(left, right, matrix(x)),
+        np.zeros(5),
+        jacobian=lambda x: central_differences(lambda y: _first_order(left, right, matrix(y)), x),
+        max_iterations=max_iterations,
+        cost_tolerance=1e-12,
+    )
+    return RefinedMotion(*motion(fit.x), fit.covariance(), float(np.sqrt(fit.cost / len(left))))
