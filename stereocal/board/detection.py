@@ -141,7 +141,7 @@ def _as_bytes_or_float(gray: NDArray[Any]) -> NDArray[Any]:
 
 def _pyramid(gray: NDArray[Any], board: Chessboard) -> Any:
     """Levels from coarse to fine, each with its scale: image pixel = scale * (level pixel + 0.5) - 0.5."""
-    from stereocal.board.saddle_kernels import halve
+    from stereocal.board.saddle_kernels import double, halve
 
     levels = [(gray, 1.0)]
     while max(levels[-1][0].shape) >= 2 * _SMALLEST_LEVEL and min(levels[-1][0].shape) >= 12 * max(board.inner_corners):
@@ -151,18 +151,9 @@ def _pyramid(gray: NDArray[Any], board: Chessboard) -> Any:
         levels.append((coarse, 2 * scale))
     yield from reversed(levels)
     if max(gray.shape) <= 800:
-        yield _doubled(gray), 0.5
-
-
-def _doubled(gray: NDArray[Any]) -> Float:
-    """Twice as many pixels, linear interpolation: each new pixel lies a quarter of an old one beside an old centre."""
-    image = gray.astype(np.float32)
-    for axis in (0, 1):
-        before = np.concatenate([image.take([0], axis), np.delete(image, -1, axis)], axis)
-        after = np.concatenate([np.delete(image, 0, axis), image.take([-1], axis)], axis)
-        pair = np.stack([0.75 * image + 0.25 * before, 0.75 * image + 0.25 * after], axis=axis + 1)
-        image = pair.reshape([side * (2 if a == axis else 1) for a, side in enumerate(image.shape)])
-    return np.ascontiguousarray(image, dtype=np.float32)
+        fine = np.empty((2 * gray.shape[0], 2 * gray.shape[1]), np.float32)
+        double(gray, fine)
+        yield fine, 0.5
 
 
 def _search_level(level: NDArray[Any], scale: float, gray: NDArray[Any], board: Chessboard) -> Detection:

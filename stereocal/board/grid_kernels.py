@@ -1,3 +1,4 @@
+# mypy: allow-untyped-defs
 """Kernels of :mod:`stereocal.board.grid`: links between neighbouring corners, cells, components, growth."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# mypy: allow-untyped-defs
 """Kernels of :mod:`stereocal.board.harris`: the response in one pass over the rows.
 
 Each image row is turned into three rows of products I_x^2, I_y^2, I_x I_y, kept in a ring as tall as the window. Column

@@ -102,7 +102,9 @@ def saddle_candidates(
     from stereocal.board.saddle_kernels import ring_test, saddle_maxima
 
     capacity = int(limit * max(1.0, G.size / 1e6))
-    threshold = np.float32(least_response**2)
+    # At most a fifth of all pixels can be saddles, even of a board of the smallest squares: the rest is texture.
+    sample = np.sort(S[3::7, 3::7], axis=None)
+    threshold = np.float32(max(least_response**2, float(sample[int(0.8 * sample.size)])))
     maxima = np.empty((capacity, 2), np.int64)
     count = saddle_maxima(S, threshold, maxima)
     while count > capacity:

@@ -1,3 +1,4 @@
+# mypy: allow-untyped-defs
 """Kernels of :mod:`stereocal.board.saddle`: smoothing, the saddle measure, its maxima, the ring test."""
 
 from __future__ import annotations
@@ -60,25 +61,55 @@ def saddle_measure(G, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def double(image, out):
+    """Twice as many pixels a side, linear: a new pixel's centre lies a quarter of an old pixel beside an old centre."""
+    height, width = image.shape
+    near, far = np.float32(0.75), np.float32(0.25)
+    mixed = np.empty(width, np.float32)
+    for y in range(2 * height):
+        row = image[y // 2]
+        other = image[min(max(y // 2 + (1 if y % 2 else -1), 0), height - 1)]
+        for x in range(width):
+            mixed[x] = near * np.float32(row[x]) + far * np.float32(other[x])
+        target = out[y]
+        target[0], target[2 * width - 1] = mixed[0], mixed[width - 1]
+        for x in range(width - 1):
+            target[2 * x + 1] = near * mixed[x] + far * mixed[x + 1]
+            target[2 * x + 2] = far * mixed[x] + near * mixed[x + 1]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _column_maxima(upper, middle, lower, out):
+    for x in range(out.size):
+        a = upper[x] if upper[x] > middle[x] else middle[x]
+        out[x] = a if a > lower[x] else lower[x]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def saddle_maxima(S, threshold, out):
     """Pixels whose S exceeds the threshold and the S of the 5x5 pixels around; returns how many there are.
 
-    `out` (capacity, 2) gets x, y of the first `capacity` of them.
+    A maximum of 5x5 pixels is the largest of the 3x3 block it lies in, so only the largest of each block is compared
+    with its surroundings (Neubeck and Van Gool, 2006). Of equal values the first in reading order wins. `out`
+    (capacity, 2) gets x, y of the first `capacity` of them.
     """
     height, width = S.shape
     count = 0
-    for y in range(3, height - 3):
-        row = S[y]
-        for x in range(3, width - 3):
-            q = row[x]
-            if q <= threshold or q < row[x - 1] or q <= row[x + 1]:
+    columns = np.empty(width, np.float32)
+    for y0 in range(3, height - 5, 3):
+        _column_maxima(S[y0], S[y0 + 1], S[y0 + 2], columns)
+        for x0 in range(3, width - 5, 3):
+            q = max(max(columns[x0], columns[x0 + 1]), columns[x0 + 2])
+            if q <= threshold:
                 continue
+            x = x0 if columns[x0] == q else (x0 + 1 if columns[x0 + 1] == q else x0 + 2)
+            y = y0 if S[y0, x] == q else (y0 + 1 if S[y0 + 1, x] == q else y0 + 2)
             largest = True
             for dy in range(-2, 3):
                 other = S[y + dy]
                 for dx in range(-2, 3):
                     value = other[x + dx]
-                    if value > q or (value == q and (dy > 0 or (dy == 0 and dx > 0))):
+                    if value > q or (value == q and (dy < 0 or (dy == 0 and dx < 0))):
                         largest = False
                         break
                 if not largest:
@@ -104,6 +135,25 @@ def _bilinear(G, x, y):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _looks_alike(G, x, y, least_amplitude):
+    """A cheap look before the ring test: eight pixels around, opposite ones more alike than not."""
+    height, width = G.shape
+    if x < 4 or y < 4 or x >= width - 4 or y >= height - 4:
+        return True
+    up, down, mid, upper, lower = G[y - 4], G[y + 4], G[y], G[y - 3], G[y + 3]
+    a0, a1, b0, b1 = mid[x - 4], mid[x + 4], up[x], down[x]
+    c0, c1, d0, d1 = upper[x - 3], lower[x + 3], upper[x + 3], lower[x - 3]
+    low = min(min(min(a0, a1), min(b0, b1)), min(min(c0, c1), min(d0, d1)))
+    high = max(max(max(a0, a1), max(b0, b1)), max(max(c0, c1), max(d0, d1)))
+    if high - low < 1.4 * least_amplitude:
+        return False
+    middle = low + high
+    odd = (a0 - a1) ** 2 + (b0 - b1) ** 2 + (c0 - c1) ** 2 + (d0 - d1) ** 2
+    even = (a0 + a1 - middle) ** 2 + (b0 + b1 - middle) ** 2 + (c0 + c1 - middle) ** 2 + (d0 + d1 - middle) ** 2
+    return odd < even
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def ring_test(G, pixels, cosine, sine, radius, least_amplitude, out):
     """Keep the saddles around which a ring shows dark, light, dark, light, alike on opposite sides.
 
@@ -116,6 +166,8 @@ def ring_test(G, pixels, cosine, sine, radius, least_amplitude, out):
     kept = 0
     for n in range(pixels.shape[0]):
         px, py = pixels[n, 0], pixels[n, 1]
+        if not _looks_alike(G, px, py, least_amplitude):
+            continue
         gx = (G[py, px + 2] - G[py, px - 2]) * 0.25
         gy = (G[py + 2, px] - G[py - 2, px]) * 0.25
         xx = (G[py, px + 2] - 2 * G[py, px] + G[py, px - 2]) * 0.25

@@ -43,10 +43,12 @@ from stereocal.board.chessboard import Chessboard, as_inner_corners
 
 HALF_WINDOW = 0.55
 """Half side of the window in steps of the grid."""
+FIRST_HALF_WINDOW = 0.3
+"""Half side of the window of the first of the two fits."""
 LARGEST_HALF_WINDOW = 24.0
 """Half side of the window in pixels, at most."""
 
-ALIASING_ERROR = 0.007
+ALIASING_ERROR = 0.004
 """Error of the model per axis, px, where an edge is sharper than the pixels can show; times the share of the contrast that
 reaches the Nyquist frequency, exp(-(pi sigma)^2 / 2). Measured on renders."""
 
@@ -115,7 +117,7 @@ def _differences(grid: Float, axis: int) -> Float:
 
 
 def fit_corner_grid(
-    gray: NDArray[Any], grid: Float, *, half_window: float = HALF_WINDOW, blur: float | None = None, passes: int = 2
+    gray: NDArray[Any], grid: Float, *, half_window: float = HALF_WINDOW, blur: float | None = None
 ) -> SaddleFit:
     """Fit the blurred saddle at every corner of a full grid.
 
@@ -129,34 +131,34 @@ def fit_corner_grid(
         In steps of the grid.
     blur : float, optional
         Start of s, px; otherwise a tenth of the steps, 1.5 at least.
-    passes : int
-        Fits; each after the first takes place and bends from the one before.
     """
     from stereocal.board.subpixel_kernels import fit_saddles
 
-    shape = grid.shape[:2]
-    n = shape[0] * shape[1]
-    points, width = grid.reshape(n, 2), np.full(n, blur or 0.0)
-    for number in range(passes):
-        steps, bends = (part.reshape(n, -1) for part in grid_steps(points.reshape(*shape, 2)))
-        length = np.hypot(steps[:, ::2], steps[:, 1::2])
-        half = np.minimum(half_window, LARGEST_HALF_WINDOW / length.max(axis=1))
-        half = np.maximum(half, np.minimum(0.8, 3.0 / length.min(axis=1)))
-        if number == 0 and not blur:
-            narrow = np.abs(steps[:, 0] * steps[:, 3] - steps[:, 1] * steps[:, 2]) / length.max(axis=1)
-            width = np.minimum(np.maximum(1.2, 0.1 * narrow), 4.0)
-        theta, covariance, info = np.empty((n, 7)), np.empty((n, 2, 2)), np.empty((n, 4))
-        if number == 0:
-            bends[:] = 0  # the corners as given are too rough: their second differences would be noise
-        last = number == passes - 1
-        tolerance, iterations = (2e-4, 15) if last else (5e-3, 12)
-        fit_saddles(gray, points, steps, bends, half, width, tolerance, iterations, theta, covariance, info)
-        # a corner that ran away keeps its place: its neighbours still need it
-        moved = np.hypot(*(theta[:, :2] - grid.reshape(n, 2)).T)
-        near = moved < 0.35 * length.min(axis=1)
-        if not last:
-            points = np.where(near[:, None], theta[:, :2], points)
-            width = np.where(near, np.abs(theta[:, 4]), width)
+    shape, given = grid.shape[:2], np.ascontiguousarray(grid.reshape(-1, 2))
+    n = len(given)
+    theta, covariance, info = np.empty((n, 7)), np.empty((n, 2, 2)), np.empty((n, 4))
+    # First without bends, because second differences of corners as given would be noise, and in a small window.
+    steps, _ = _flat_steps(given, shape)
+    length = np.hypot(steps[:, ::2], steps[:, 1::2])
+    shortest = length.min(axis=1)
+    if blur is None:
+        narrow = np.abs(steps[:, 0] * steps[:, 3] - steps[:, 1] * steps[:, 2]) / length.max(axis=1)
+        width = np.minimum(np.maximum(1.2, 0.1 * narrow), 4.0)
+    else:
+        width = np.full(n, blur)
+    half = np.minimum(half_window, np.maximum(FIRST_HALF_WINDOW, 5.0 / shortest))
+    half = _window(half, length)
+    zero = np.zeros((n, 2))
+    fit_saddles(gray, given, steps, zero, half, 2 * width + 2, width, True, 2e-2, 12, theta, covariance, info)
+    # A corner that ran away keeps its place: its neighbours still need it.
+    near = np.hypot(*(theta[:, :2] - given).T) < 0.35 * shortest
+    points = np.where(near[:, None], theta[:, :2], given)
+    theta[:, 4] = np.where(near, np.abs(theta[:, 4]), np.median(np.abs(theta[near, 4])) if near.any() else width)
+    steps, bends = _flat_steps(points, shape)
+    half = _window(np.full(n, half_window), np.hypot(steps[:, ::2], steps[:, 1::2]))
+    band = 2 * theta[:, 4] + 1
+    fit_saddles(gray, points, steps, bends, half, band, width, False, 2e-3, 15, theta, covariance, info)
+    near = np.hypot(*(theta[:, :2] - given).T) < 0.35 * shortest
     edge_widths = np.abs(theta[:, 4]) / np.sqrt(2)
     aliased = ALIASING_ERROR * np.exp(-((np.pi * edge_widths) ** 2) / 2)
     return SaddleFit(
@@ -167,6 +169,17 @@ def fit_corner_grid(
         np.sqrt(info[:, 0]),
         (info[:, 2] > 0) & near,
     )
+
+
+def _flat_steps(points: Float, shape: tuple[int, ...]) -> tuple[Float, Float]:
+    steps, bends = grid_steps(points.reshape(*shape, 2))
+    return np.ascontiguousarray(steps.reshape(-1, 4)), np.ascontiguousarray(bends.reshape(-1, 2))
+
+
+def _window(half: Float, length: Float) -> Float:
+    """Half windows in steps: no more than the cap in pixels; at least 3 pixels of the shorter step, but 0.8 steps."""
+    capped = np.minimum(half, LARGEST_HALF_WINDOW / length.max(axis=1))
+    return np.maximum(capped, np.minimum(0.8, 3.0 / length.min(axis=1)))
 
 
 def refine_corners(

@@ -1,3 +1,4 @@
+# mypy: allow-untyped-defs
 """Kernels of :mod:`stereocal.board.subpixel`: the fit of the blurred saddle, one corner after the other."""
 
 from __future__ import annotations
@@ -8,88 +9,62 @@ from numba import njit
 _FAST = {"reassoc", "contract", "nsz", "arcp"}
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _gauss(x):
-    """exp(-x) for x >= 0: Taylor's polynomial of x/64, raised to the 64th power by six squarings (to 2e-9)."""
-    t = min(x, 60.0) * (1.0 / 64.0)
-    p = 1.0 - t * (1.0 - t * (0.5 - t * (1.0 / 6.0 - t * (1.0 / 24.0 - t * (1.0 / 120.0 - t * (1.0 / 720.0))))))
-    p *= p
-    p *= p
-    p *= p
-    p *= p
-    p *= p
-    return p * p
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _erf(z, gauss):
-    """erf(z), given gauss = exp(-z^2): Abramowitz and Stegun 7.1.26, to 1.5e-7."""
-    x = abs(z)
-    t = 1.0 / (1.0 + 0.3275911 * x)
-    value = 1.0 - gauss * t * (
-        0.254829592 + t * (-0.284496736 + t * (1.421413741 + t * (-1.453152027 + t * 1.061405429)))
-    )
-    return value if z >= 0 else -value
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _gather(image, cx, cy, step, half, px, py, grey):
-    """Pixels of the parallelogram |xi|, |eta| <= half steps around the corner; returns how many."""
-    height, width = image.shape
-    ix, iy, jx, jy = step[0], step[1], step[2], step[3]
-    det = ix * jy - iy * jx
-    reach_x = half * (abs(ix) + abs(jx))
-    reach_y = half * (abs(iy) + abs(jy))
-    x0, x1 = max(0, int(np.ceil(cx - reach_x))), min(width - 1, int(np.floor(cx + reach_x)))
-    y0, y1 = max(0, int(np.ceil(cy - reach_y))), min(height - 1, int(np.floor(cy + reach_y)))
-    count = 0
-    for y in range(y0, y1 + 1):
-        dy = y - cy
-        for x in range(x0, x1 + 1):
-            dx = x - cx
-            if abs(dx * jy - dy * jx) <= half * abs(det) and abs(ix * dy - iy * dx) <= half * abs(det):
-                if count == px.size:
-                    return count
-                px[count], py[count], grey[count] = dx, dy, image[y, x]
-                count += 1
-    return count
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+def _gauss(z, m, out):
+    """exp(-z^2): Taylor's polynomial of z^2/64, raised to the 64th power by six squarings (to 2e-9; z is cut at 6)."""
+    for i in range(m):
+        x = z[i] * z[i]
+        t = (x if x < 36.0 else 36.0) * (1.0 / 64.0)
+        p = 1.0 - t * (1.0 - t * (0.5 - t * (1.0 / 6.0 - t * (1.0 / 24.0 - t * (1.0 / 120.0 - t * (1.0 / 720.0))))))
+        p *= p
+        p *= p
+        p *= p
+        p *= p
+        p *= p
+        out[i] = p * p
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
-def _model(m, px, py, grey, geometry, theta, J, residual):
-    """Residuals grey - model, and the model's derivatives by the seven unknowns; returns the sum of squares.
+def _erf(z, gauss, m, out):
+    """erf(z), given exp(-z^2): Abramowitz and Stegun 7.1.26, to 1.5e-7."""
+    for i in range(m):
+        x = abs(z[i])
+        t = 1.0 / (1.0 + 0.3275911 * x)
+        value = 1.0 - gauss[i] * t * (
+            0.254829592 + t * (-0.284496736 + t * (1.421413741 + t * (-1.453152027 + t * 1.061405429)))
+        )
+        out[i] = value if z[i] >= 0 else -value
 
-    theta = (cx, cy, angle of line 1, angle of line 2, s, a, b). J is in the basis (offset of line 1, its turn, offset of
-    line 2, its turn, s, a, b), which has one product a pixel less; the caller turns offsets into (cx, cy).
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _gather(image, cx, cy, step, geometry, half, band, px, py, grey):
+    """Pixels of the window that tell of the edges; returns how many.
+
+    The window is the parallelogram |xi|, |eta| <= half steps around the corner; of it the pixels within `band` pixels of
+    one of the two lines: the others see flat squares.
     """
-    cx, cy, s, a, b = theta[0], theta[1], theta[4], theta[5], theta[6]
-    c1, s1, c2, s2 = np.cos(theta[2]), np.sin(theta[2]), np.cos(theta[3]), np.sin(theta[3])
-    # xi, eta = the inverse of the steps applied to the pixel; bends of the two lines, half the second difference
-    xi_x, xi_y, eta_x, eta_y = geometry[0], geometry[1], geometry[2], geometry[3]
-    bend1, bend2 = 0.5 * geometry[4], 0.5 * geometry[5]
-    inverse = 1.0 / s
-    slope = 2.0 / np.sqrt(np.pi) * inverse
-    j0, j1, j2, j3, j4, j6 = J[0], J[1], J[2], J[3], J[4], J[6]
-    for i in range(m):
-        dx, dy = px[i] - cx, py[i] - cy
-        xi, eta = xi_x * dx + xi_y * dy, eta_x * dx + eta_y * dy
-        u = (-s1 * dx + c1 * dy) - bend1 * xi * xi
-        v = (-s2 * dx + c2 * dy) - bend2 * eta * eta
-        zu, zv = u * inverse, v * inverse
-        gu, gv = _gauss(zu * zu), _gauss(zv * zv)
-        eu, ev = _erf(zu, gu), _erf(zv, gv)
-        pu, pv = b * slope * gu * ev, b * slope * gv * eu
-        j0[i] = pu
-        j1[i] = -pu * (c1 * dx + s1 * dy)
-        j2[i] = pv
-        j3[i] = -pv * (c2 * dx + s2 * dy)
-        j4[i] = -(pu * zu + pv * zv)
-        j6[i] = eu * ev
-        residual[i] = grey[i] - a - b * (eu * ev)
-    total = 0.0
-    for i in range(m):
-        total += residual[i] * residual[i]
-    return total
+    height, width = image.shape
+    reach_x = half * (abs(step[0]) + abs(step[2]))
+    reach_y = half * (abs(step[1]) + abs(step[3]))
+    x0, x1 = max(0, int(np.ceil(cx - reach_x))), min(width - 1, int(np.floor(cx + reach_x)))
+    y0, y1 = max(0, int(np.ceil(cy - reach_y))), min(height - 1, int(np.floor(cy + reach_y)))
+    length1 = np.sqrt(step[0] * step[0] + step[1] * step[1])
+    length2 = np.sqrt(step[2] * step[2] + step[3] * step[3])
+    area = abs(step[0] * step[3] - step[1] * step[2])
+    # the distance of a pixel from line 1 is |eta| * area / length1
+    near1, near2 = band * length1 / area, band * length2 / area
+    count = 0
+    for y in range(y0, y1 + 1):
+        dy = y - cy
+        row = image[y]
+        for x in range(x0, x1 + 1):
+            dx = x - cx
+            xi = abs(geometry[0] * dx + geometry[1] * dy)
+            eta = abs(geometry[2] * dx + geometry[3] * dy)
+            if xi <= half and eta <= half and (eta <= near1 or xi <= near2):
+                px[count], py[count], grey[count] = dx, dy, row[x]
+                count += 1
+    return count
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
@@ -100,13 +75,76 @@ def _dot(a, b, m):
     return total
 
 
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+def _model(m, px, py, grey, geometry, theta, scratch, J, residual):
+    """Residuals grey - model, and the model's derivatives by the seven unknowns; returns the sum of squares.
+
+    theta = (cx, cy, angle of line 1, angle of line 2, s, a, b). J is in the basis (offset of line 1, its turn, offset of
+    line 2, its turn, s, a, b), which is one product a pixel cheaper; the caller turns offsets into (cx, cy). Every loop
+    writes one array, so that LLVM vectorises it.
+    """
+    cx, cy, s, a, b = theta[0], theta[1], theta[4], theta[5], theta[6]
+    c1, s1, c2, s2 = np.cos(theta[2]), np.sin(theta[2]), np.cos(theta[3]), np.sin(theta[3])
+    # xi, eta = the inverse of the steps applied to the pixel; bends of the two lines, half the second difference
+    xi_x, xi_y, eta_x, eta_y = geometry[0], geometry[1], geometry[2], geometry[3]
+    bend1, bend2 = 0.5 * geometry[4], 0.5 * geometry[5]
+    inverse = 1.0 / s
+    slope = b * 2.0 / np.sqrt(np.pi) * inverse
+    zu, zv, gu, gv, eu, ev = scratch[0], scratch[1], scratch[2], scratch[3], scratch[4], scratch[5]
+    j0, j1, j2, j3, j4, j6 = J[0], J[1], J[2], J[3], J[4], J[6]
+    for i in range(m):
+        dx, dy = px[i] - cx, py[i] - cy
+        xi = xi_x * dx + xi_y * dy
+        zu[i] = (c1 * dy - s1 * dx - bend1 * xi * xi) * inverse
+    for i in range(m):
+        dx, dy = px[i] - cx, py[i] - cy
+        eta = eta_x * dx + eta_y * dy
+        zv[i] = (c2 * dy - s2 * dx - bend2 * eta * eta) * inverse
+    _gauss(zu, m, gu)
+    _gauss(zv, m, gv)
+    _erf(zu, gu, m, eu)
+    _erf(zv, gv, m, ev)
+    for i in range(m):
+        j0[i] = slope * gu[i] * ev[i]
+    for i in range(m):
+        j1[i] = -j0[i] * (c1 * (px[i] - cx) + s1 * (py[i] - cy))
+    for i in range(m):
+        j2[i] = slope * gv[i] * eu[i]
+    for i in range(m):
+        j3[i] = -j2[i] * (c2 * (px[i] - cx) + s2 * (py[i] - cy))
+    for i in range(m):
+        j4[i] = -(j0[i] * zu[i] + j2[i] * zv[i])
+    for i in range(m):
+        j6[i] = eu[i] * ev[i]
+    for i in range(m):
+        residual[i] = grey[i] - a - b * j6[i]
+    return _dot(residual, residual, m)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+def _four_dots(a, b0, b1, b2, b3, m):
+    """Four dot products in one pass: four sums that do not wait for each other."""
+    t0, t1, t2, t3 = 0.0, 0.0, 0.0, 0.0
+    for i in range(m):
+        x = a[i]
+        t0 += x * b0[i]
+        t1 += x * b1[i]
+        t2 += x * b2[i]
+        t3 += x * b3[i]
+    return t0, t1, t2, t3
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _normal_equations(m, J, residual, N, g):
+    """N = J^T J and g = J^T residual."""
     for p in range(7):
-        for q in range(p + 1):
-            N[p, q] = _dot(J[p], J[q], m)
+        N[p, 0], N[p, 1], N[p, 2], N[p, 3] = _four_dots(J[p], J[0], J[1], J[2], J[3], m)
+        if p >= 4:
+            N[p, 4], N[p, 5], N[p, 6], g[p] = _four_dots(J[p], J[4], J[5], J[6], residual, m)
+    g[0], g[1], g[2], g[3] = _four_dots(residual, J[0], J[1], J[2], J[3], m)
+    for p in range(7):
+        for q in range(p):
             N[q, p] = N[p, q]
-        g[p] = _dot(J[p], residual, m)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -143,10 +181,10 @@ def _solve(L, g, x):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _start(m, px, py, grey, geometry, theta, J, residual):
+def _start(m, px, py, grey, geometry, theta, scratch, J, residual):
     """Levels a, b by linear least squares at the given lines and blur."""
     theta[5], theta[6] = 0.0, 1.0
-    _model(m, px, py, grey, geometry, theta, J, residual)
+    _model(m, px, py, grey, geometry, theta, scratch, J, residual)
     sf, sff, sg, sfg = 0.0, 0.0, 0.0, 0.0
     for i in range(m):
         f = J[6, i]
@@ -160,11 +198,12 @@ def _start(m, px, py, grey, geometry, theta, J, residual):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def fit_saddles(image, corners, steps, bends, half, blur, tolerance, iterations, theta, covariance, info):
+def fit_saddles(image, corners, steps, bends, half, band, blur, cold, tolerance, iterations, theta, covariance, info):
     """Fit I = a + b erf(u/s) erf(v/s) around each corner by Levenberg-Marquardt.
 
     corners (n, 2); steps (n, 4): the steps along i and along j; bends (n, 2): how far each line bends away from its
-    tangent, second difference times normal; half (n,): half window in steps; blur (n,): start of s. Writes theta (n, 7),
+    tangent, second difference times normal; half, band (n,): half window in steps, half width of the bands along the
+    lines in pixels; blur (n,): start of s, if `cold`; else lines, s and levels start from theta. Writes theta (n, 7),
     covariance (n, 2, 2) of (cx, cy), info (n, 4): residual variance, pixels, converged, 0.
     """
     capacity = 4
@@ -176,26 +215,28 @@ def fit_saddles(image, corners, steps, bends, half, blur, tolerance, iterations,
     residual, trial_residual = np.empty(capacity), np.empty(capacity)
     J, trial_J = np.empty((7, capacity)), np.empty((7, capacity))
     J[5], trial_J[5] = 1.0, 1.0
+    scratch = np.empty((6, capacity))
     N, A, L = np.empty((7, 7)), np.empty((7, 7)), np.zeros((7, 7))
     g, x, trial, geometry = np.empty(7), np.empty(7), np.empty(7), np.empty(6)
     for n in range(corners.shape[0]):
         t = theta[n]
         info[n] = 0.0
         covariance[n] = np.nan
-        m = _gather(image, corners[n, 0], corners[n, 1], steps[n], half[n], px, py, grey)
-        info[n, 1] = m
-        if m < 16:
-            t[:] = np.nan
-            continue
         ix, iy, jx, jy = steps[n, 0], steps[n, 1], steps[n, 2], steps[n, 3]
         det = ix * jy - iy * jx
         geometry[0], geometry[1], geometry[2], geometry[3] = jy / det, -jx / det, -iy / det, ix / det
         geometry[4], geometry[5] = bends[n, 0], bends[n, 1]
+        m = _gather(image, corners[n, 0], corners[n, 1], steps[n], geometry, half[n], band[n], px, py, grey)
+        info[n, 1] = m
+        if m < 16:
+            t[:] = np.nan
+            continue
         t[0] = t[1] = 0.0
-        t[2], t[3], t[4] = np.arctan2(iy, ix), np.arctan2(jy, jx), blur[n]
-        _start(m, px, py, grey, geometry, t, J, residual)
-        cost = _model(m, px, py, grey, geometry, t, J, residual)
-        damping = 1e-3
+        if cold:
+            t[2], t[3], t[4] = np.arctan2(iy, ix), np.arctan2(jy, jx), blur[n]
+            _start(m, px, py, grey, geometry, t, scratch, J, residual)
+        cost = _model(m, px, py, grey, geometry, t, scratch, J, residual)
+        damping = 1e-3 if cold else 1e-5
         for _ in range(iterations):
             _normal_equations(m, J, residual, N, g)
             moved, accepted = 0.0, False
@@ -215,7 +256,7 @@ def fit_saddles(image, corners, steps, bends, half, blur, tolerance, iterations,
                 trial[2], trial[3] = t[2] + x[1], t[3] + x[3]
                 trial[4], trial[5], trial[6] = t[4] + x[4], t[5] + x[5], t[6] + x[6]
                 trial[4] = min(max(trial[4], 0.5 * t[4], 0.2), 2 * t[4])
-                trial_cost = _model(m, px, py, grey, geometry, trial, trial_J, trial_residual)
+                trial_cost = _model(m, px, py, grey, geometry, trial, scratch, trial_J, trial_residual)
                 if trial_cost <= cost * (1 + 1e-12):
                     accepted = True
                     moved = np.sqrt((trial[0] - t[0]) ** 2 + (trial[1] - t[1]) ** 2)
