@@ -136,11 +136,10 @@ def furnished_room(scale: float = 1.0, *, seed: int = 0) -> Scene:
     """
     x, y, z = np.eye(3)
     turned = np.array([np.cos(0.7), 0.0, np.sin(0.7)])
-    wall = {"wavelength": 150.0, "contrast": 0.75}
     rows = [
-        rectangle([0, -100, 3600], x, y, (2600, 1400), (150, 142, 120), seed=1, **wall),
-        rectangle([-1900, -100, 2000], z, y, (2200, 1400), (120, 140, 150), seed=2, **wall),
-        rectangle([2100, -100, 2000], z, y, (2200, 1400), (150, 128, 120), seed=3, **wall),
+        rectangle([0, -100, 3600], x, y, (2600, 1400), (150, 142, 120), wavelength=150, seed=1),
+        rectangle([-1900, -100, 2000], z, y, (2200, 1400), (120, 140, 150), wavelength=150, seed=2),
+        rectangle([2100, -100, 2000], z, y, (2200, 1400), (150, 128, 120), wavelength=150, seed=3),
         rectangle([0, 1000, 2000], x, z, (2600, 2200), (128, 100, 72), wavelength=130, seed=4, pattern=1),
         rectangle([0, -1200, 2000], x, z, (2600, 2200), (165, 165, 160), wavelength=160, contrast=0.5, seed=5),
         rectangle([950, -120, 2300], turned, y, (420, 620), (90, 130, 110), wavelength=70, contrast=0.95, seed=6),

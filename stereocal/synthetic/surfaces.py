@@ -90,10 +90,17 @@ def box(
     """Return the six rectangles of a box, turned by `yaw` degrees about the vertical."""
     middle = np.asarray(centre, dtype=np.float64)
     axes = rotation_matrix([0.0, np.radians(yaw), 0.0]).T
-    look = {"wavelength": wavelength, "contrast": contrast, "pattern": pattern}
     return [
         rectangle(
-            middle + side * half[i] * axes[i], axes[j], axes[k], (half[j], half[k]), colour, seed=seed + face, **look
+            middle + side * half[i] * axes[i],
+            axes[j],
+            axes[k],
+            (half[j], half[k]),
+            colour,
+            wavelength=wavelength,
+            contrast=contrast,
+            seed=seed + face,
+            pattern=pattern,
         )
         for face, (i, j, k, side) in enumerate(_FACES)
     ]
