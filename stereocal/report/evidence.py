@@ -14,7 +14,7 @@ needed for any camera model, at a few thousand points, once.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -24,6 +24,9 @@ import numpy as np
 from stereocal.base.checks import Float
 from stereocal.base.errors import InputError
 from stereocal.base.rotations import rotation_matrix
+
+Refit = Callable[[list[Float], list[Float]], Any]
+"""A function that calibrates the rig from some left and right views, and returns what ``calibrate_stereo`` returns."""
 
 
 @dataclass(frozen=True)

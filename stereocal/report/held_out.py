@@ -19,7 +19,7 @@ Statistical Learning* (2009), section 7.10.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,12 +28,10 @@ import numpy as np
 from stereocal.base.checks import Float
 from stereocal.base.errors import StereocalError
 from stereocal.base.rotations import rotation_matrix
-from stereocal.report.evidence import Evidence, place, project, projection_jacobian
+from stereocal.report.evidence import Evidence, Refit, place, project, projection_jacobian
+from stereocal.report.halves import Halves, judge_halves
 from stereocal.report.rectified import epipolar_differences
-from stereocal.report.verdicts import Block, Table, Verdict, judge
-
-Refit = Callable[[list[Float], list[Float]], Any]
-"""A function that calibrates the rig from some left and right views and returns an object with ``rig``."""
+from stereocal.report.verdicts import Block, Picture, Table, Verdict, judge
 
 
 @dataclass(frozen=True)
@@ -152,7 +150,7 @@ def hold_out(evidence: Evidence, refit: Refit, *, folds: int = 5, seed: int = 0)
     return HeldOut(left, right, epipolar, tuple(failures), tuple(rigs))
 
 
-def examine_generalisation(evidence: Evidence, held: HeldOut | None, fitted_rms: float) -> Block:
+def examine_generalisation(evidence: Evidence, held: HeldOut | None, halves: Halves | None, fitted_rms: float) -> Block:
     """Judge the held-out error.
 
     Parameters
@@ -160,6 +158,8 @@ def examine_generalisation(evidence: Evidence, held: HeldOut | None, fitted_rms:
     evidence : Evidence
     held : HeldOut, optional
         None if there are too few views to hold any out.
+    halves : Halves, optional
+        The comparison of two half-data calibrations; None if there are too few views.
     fitted_rms : float
         RMS of the full fit, OpenCV's convention.
 
@@ -189,7 +189,7 @@ def examine_generalisation(evidence: Evidence, held: HeldOut | None, fitted_rms:
         f"On views that the fit has not seen the RMS is {whole:.3f} px, against {fitted_rms:.3f} px on views it has. "
         f"Quote the first one."
     )
-    facts = {
+    facts: dict[str, Any] = {
         "held_out_rms": whole,
         "held_out_noise_per_axis": noise,
         "ratio": ratio,
@@ -198,4 +198,8 @@ def examine_generalisation(evidence: Evidence, held: HeldOut | None, fitted_rms:
     }
     rows = tuple((name, f"{value:.3f}") for name, value in zip(evidence.names, view_rms, strict=True))
     table = Table("Each pair under a fit without it, px", ("pair", "held-out RMS"), rows, True)
-    return Block("generalisation", "Generalisation", lead, verdicts, facts, (table,))
+    pictures: tuple[Picture, ...] = ()
+    if halves is not None:
+        verdict, facts["halves"], pictures = judge_halves(halves, evidence.image_size)
+        verdicts = (*verdicts, verdict)
+    return Block("generalisation", "Generalisation", lead, verdicts, facts, (table,), pictures)

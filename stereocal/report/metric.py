@@ -9,25 +9,26 @@ comes out right whatever the true size: a board of 26 mm called 25 mm gives a pe
 What the squares do validate is that scale is the *same* everywhere: over the image, near and far. For the absolute
 scale measure a distance that was not in the fit (``known_distance``).
 
-**Shape of the board.** If corner j of the board stands off its place by δ_j, every view shows it: its residual is
-d = ∂x/∂X R δ_j. Over V views and two cameras these are 4V equations for three unknowns,
+The board's own shape comes from :mod:`stereocal.report.board_bend`.
 
-    δ_j = (Σ JᵀJ)⁻¹ Σ Jᵀ d,   J = ∂x/∂X R,
-
-one small solve a corner. Only what bends counts: the part of δ that a similarity of the whole board explains is not
-shape. It is a single step from the flat fit, so it tells that a board bends and how, and understates by how much.
-
-Sources: RealSense's definition of plane-fit RMS; Strobl and Hirzinger (2011) for boards of unknown shape.
+Source: RealSense's definition of plane-fit RMS.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from stereocal.base.checks import Float
-from stereocal.report.evidence import Evidence, projection_jacobian
+from stereocal.report.board_bend import BoardBend
+from stereocal.report.evidence import Evidence
+from stereocal.report.figures_geometry import draw_board_shape
 from stereocal.report.rectified import rectified_points
-from stereocal.report.verdicts import Block, Table, judge
+from stereocal.report.rig_parameters import depths
+from stereocal.report.verdicts import Block, Picture, Table, judge
 
 
 def triangulate_corners(evidence: Evidence) -> Float:
@@ -64,44 +65,18 @@ def plane_distances(points: Float) -> Float:
     return np.asarray(np.einsum("vnk,vk->vn", centred, normals))
 
 
-def board_shape(evidence: Evidence) -> tuple[Float, Float]:
-    """Where the board's corners stand off a flat grid, all views together.
-
-    Returns
-    -------
-    shape : ndarray of shape (N, 3)
-        δ in the board's frame and units, without the part that a similarity explains.
-    sigma : ndarray of shape (N, 3)
-        Standard errors of δ, from the corner noise.
-    """
-    N = len(evidence.object_points)
-    A, g = np.zeros((N, 3, 3)), np.zeros((N, 3))
-    R = np.asarray(evidence.rig.R)
-    for camera, points, residuals, turn in (
-        (evidence.rig.left, evidence.points_left, evidence.left_residuals, np.eye(3)),
-        (evidence.rig.right, evidence.points_right, evidence.right_residuals, R),
-    ):
-        J = np.einsum("vnij,jk,vkl->vnil", projection_jacobian(camera, points), turn, evidence.rotations)
-        A += np.einsum("vnij,vnik->njk", J, J)
-        g += np.einsum("vnij,vni->nj", J, residuals)
-    inverse = np.linalg.inv(A)
-    delta = np.einsum("njk,nk->nj", inverse, g)
-    sigma = evidence.noise * np.sqrt(np.einsum("njj->nj", inverse))
-    return delta - _similarity_part(evidence.object_points, delta), sigma
-
-
-def _similarity_part(X: Float, delta: Float) -> Float:
-    """The part of a displacement field that a small rotation, shift and change of scale explains."""
-    centred = X - X.mean(axis=0)
-    modes = [np.tile(axis, (len(X), 1)) for axis in np.eye(3)]
-    modes += [np.cross(axis, centred) for axis in np.eye(3)]
-    modes.append(centred)
-    basis = np.stack([m.ravel() for m in modes], axis=1)
-    return np.asarray((basis @ np.linalg.lstsq(basis, delta.ravel(), rcond=None)[0]).reshape(-1, 3))
-
-
-def examine_metric(evidence: Evidence) -> Block:
+def examine_metric(
+    evidence: Evidence, bend: BoardBend | None, known_distances: Sequence[tuple[Any, Any, float]] = ()
+) -> Block:
     """Measure and judge the triangulated boards.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    bend : BoardBend, optional
+        The step with the board's shape free; None if the views are too few.
+    known_distances : sequence of ((xl, yl, xr, yr), (xl, yl, xr, yr), length)
+        Pairs of points, each by its pixels in both photographs, and their true distance.
 
     Returns
     -------
@@ -118,11 +93,7 @@ def examine_metric(evidence: Evidence) -> Block:
     f, baseline = float(evidence.rig.left.K[0, 0]), float(evidence.rig.baseline)
     sigma_depth = points[..., 2] ** 2 * np.sqrt(2) * evidence.noise / (f * baseline)
     plane_sigma = float(np.sqrt(float(np.mean(sigma_depth**2))))
-    shape, sigma = board_shape(evidence)
-    excess = float(np.mean(shape[:, 2] ** 2) - np.mean(sigma[:, 2] ** 2))
-    out_of_plane = float(np.sqrt(max(excess, 0.0)))
-    bend = 100 * out_of_plane / size
-    verdicts = (
+    verdicts = [
         judge("metric", "square_bias", abs(bias), "Mean triangulated square against its size. It cannot validate "
               "absolute scale: the fit has used the same squares.",
               cause="The geometry of the two cameras contradicts the board's.",
@@ -132,17 +103,31 @@ def examine_metric(evidence: Evidence) -> Block:
               cause="The board bends, or the shutters are not synchronous.",
               action="Glue the board to glass or aluminium.",
               at_worst="usable"),
-        judge("metric", "board_shape", bend, "How far the board's corners stand out of its plane, equally in all "
-              "views.",
-              cause="The board is bent or folded.",
-              action="Glue the board to something flat, or calibrate with the board's shape as unknowns (board_warp)."),
-    )  # fmt: skip
+    ]  # fmt: skip
+    if bend is not None:
+        verdicts.append(
+            judge("metric", "board_shape", 100 * bend.rms / size,
+                  "How far the board's corners stand off its plane, RMS, the same in all views.",
+                  cause="The board is bent, folded or printed on soft paper.",
+                  action="Glue it to glass or aluminium, or calibrate with its shape as unknowns (board_warp).",
+                  at_worst="usable")
+        )  # fmt: skip
+    measured = [_known_distance(evidence.rig, *known) for known in known_distances]
+    if measured:
+        worst_error = max(100 * abs(found / true - 1) for found, true in measured)
+        verdicts.append(
+            judge("metric", "known_distance", worst_error, "Distances that were not in the fit, against their length.",
+                  cause="The squares' size is not what was said, or the print is stretched.",
+                  action="Measure ten squares at once with a caliper and calibrate again with that size.")
+        )  # fmt: skip
     near, far = (float(z) for z in np.percentile(evidence.points_left[..., 2].mean(axis=1), (25, 75)))
     facts = {
         "square_mean": float(sides.mean()), "square_sd": float(sides.std()), "square_bias_percent": bias,
-        "plane_rms": plane_rms, "plane_rms_expected": plane_sigma, "board_bend_rms": out_of_plane,
-        "board_bend_max": float(np.abs(shape[:, 2]).max()), "board_shape": shape.tolist(),
-        "distance_quartiles": [near, far],
+        "plane_rms": plane_rms, "plane_rms_expected": plane_sigma, "distance_quartiles": [near, far],
+        "board_bend_rms": None if bend is None else bend.rms,
+        "board_heights": None if bend is None else bend.heights.tolist(),
+        "board_bend_f": None if bend is None else bend.f_statistic,
+        "known_distances": [{"measured": found, "true": true} for found, true in measured],
     }  # fmt: skip
     lead = (
         f"Triangulated squares measure {sides.mean():.4g} ± {sides.std():.2g} {unit} (size {size:g}); boards are flat "
@@ -159,4 +144,26 @@ def examine_metric(evidence: Evidence) -> Block:
         rows,
         True,
     )
-    return Block("metric", "Metric", lead, verdicts, facts, (table,))
+    pictures = () if bend is None else (_bend_picture(evidence, bend),)
+    return Block("metric", "Metric", lead, tuple(verdicts), facts, (table,), pictures)
+
+
+def _bend_picture(evidence: Evidence, bend: BoardBend) -> Picture:
+    heights = bend.heights.reshape(evidence.rows, evidence.columns)
+    typical = float(np.median(bend.sigma))
+    return Picture(
+        "board_shape",
+        f"The board's shape as all views together see it: height of each corner over its plane (σ {typical:.2g} "
+        f"{evidence.unit} a corner). A smooth pattern is a bend, a step is a hinge, a mixture is noise.",
+        lambda: draw_board_shape(heights, unit=evidence.unit),
+    )
+
+
+def _known_distance(rig: Any, first: ArrayLike, second: ArrayLike, true: float) -> tuple[float, float]:
+    """Distance of two points given by (xl, yl, xr, yr), and what it should be."""
+    pixels = np.array([first, second], dtype=np.float64)
+    left, right = pixels[:, :2], pixels[:, 2:]
+    z = depths(rig, left, right)
+    rays = np.asarray(rig.left.undistort_points(left, P=np.eye(3)))
+    ends = np.concatenate([rays, np.ones((2, 1))], axis=1) * z[:, None]
+    return float(np.linalg.norm(ends[1] - ends[0])), float(true)

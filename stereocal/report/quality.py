@@ -23,11 +23,15 @@ import numpy as np
 
 from stereocal.base.checks import as_image_size
 from stereocal.base.errors import InputError
+from stereocal.report.board_bend import free_the_board
 from stereocal.report.coverage import examine_data
-from stereocal.report.evidence import Evidence, gather_evidence
+from stereocal.report.depth_error import examine_depth
+from stereocal.report.evidence import Evidence, Refit, gather_evidence
 from stereocal.report.fit import examine_fit
-from stereocal.report.held_out import HeldOut, Refit, examine_generalisation, hold_out
+from stereocal.report.halves import compare_halves
+from stereocal.report.held_out import HeldOut, examine_generalisation, hold_out
 from stereocal.report.metric import examine_metric
+from stereocal.report.parameters import examine_parameters
 from stereocal.report.rectified import epipolar_differences, examine_epipolar
 from stereocal.report.verdicts import Block, Grade, Picture, Verdict, spell, worst
 
@@ -35,6 +39,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LEAST_VIEWS_TO_HOLD_OUT = 5
+_LEAST_VIEWS_TO_HALVE = 8
 
 
 @dataclass(frozen=True)
@@ -81,6 +86,12 @@ class QualityReport:
         return [
             ("held-out RMS", spell(held, "px") if held else "unknown", f"fitted: {fit:.3f} px"),
             ("rows agree to", spell(facts["epipolar"]["rms"], "px"), f"95 % within {facts['epipolar']['p95']:.2f} px"),
+            (
+                "σ_Z at the boards",
+                spell(facts["depth"]["sigma_z_at_board"], self.unit),
+                f"{100 * facts['depth']['sigma_z_at_board'] / facts['depth']['board_distance']:.2g} % of "
+                f"{facts['depth']['board_distance']:.3g} {self.unit}",
+            ),
             ("baseline", spell(float(self.rig.baseline), self.unit), f"focal length {self.rig.left.K[0, 0]:.1f} px"),
             ("pairs used", str(facts["data"]["pairs_used"]), f"of {facts['data']['pairs_found']}"),
         ]
@@ -163,6 +174,8 @@ def evaluate_calibration(
     pairs: Sequence[Mapping[str, Any]] | None = None,
     images: Sequence[Any] | None = None,
     refit: Refit | None = None,
+    known_distances: Sequence[tuple[Any, Any, float]] = (),
+    disparity_noise: float | None = None,
     folds: int = 5,
     seed: int = 0,
     unit: str | None = None,
@@ -191,6 +204,11 @@ def evaluate_calibration(
     refit : callable, optional
         ``refit(left_corners, right_corners)`` calibrates a subset of the views, with the same settings as `calibration`
         was made with; by default ``calibrate_stereo`` with the same model.
+    known_distances : sequence of ((xl, yl, xr, yr), (xl, yl, xr, yr), length)
+        Pairs of points of the scene, by their pixels in both photographs, whose distance was measured otherwise: the
+        only check of absolute scale.
+    disparity_noise : float, optional
+        σ of the disparities that depth will be made from, pixels; by default 0.25.
     folds : int
         Folds of the cross-validation.
     seed : int
@@ -232,12 +250,17 @@ def evaluate_calibration(
     alone = (mono_left or getattr(calibration, "left", None), mono_right or getattr(calibration, "right", None))
     mono = [None if m is None else float(m.rms) for m in alone]
     fit = examine_fit(evidence, mono)
+    free = np.asarray(calibration.std) > 0
+    bend = free_the_board(evidence, free) if evidence.view_count >= _LEAST_VIEWS_TO_HOLD_OUT else None
+    halves = compare_halves(evidence, refit, seed=seed) if evidence.view_count >= _LEAST_VIEWS_TO_HALVE else None
     blocks = (
-        examine_generalisation(evidence, held, fit.facts["rms"]["joint"]["opencv"]),
+        examine_generalisation(evidence, held, halves, fit.facts["rms"]["joint"]["opencv"]),
+        examine_depth(evidence, np.asarray(calibration.covariance), bend, disparity_noise=disparity_noise),
         examine_data(evidence, entries, images),
         fit,
+        examine_parameters(calibration, label),
         examine_epipolar(evidence.left.reshape(-1, 2), epipolar.ravel(), size, held_out=seen_by_none),
-        examine_metric(evidence),
+        examine_metric(evidence, bend, known_distances),
     )
     return QualityReport(title, blocks, evidence.rig, label, _rig_pictures(evidence, calibration))
 
