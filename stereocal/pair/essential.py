@@ -44,7 +44,7 @@ from stereocal.base.homogeneous import cross_matrix, to_homogeneous
 from stereocal.pair.consensus import Consensus, find_consensus
 from stereocal.pair.epipolar import point_pairs, sampson_distance
 from stereocal.pair.fundamental import refuse_homography, require_distinct
-from stereocal.pair.two_view_refinement import refine_motion
+from stereocal.pair.two_view_refinement import RefinedMotion, refine_among_outliers, refine_motion
 from stereocal.pair.two_view_solvers import eight_point, five_point, normalizing_transform
 
 METHODS = ("8point", "5point", "lmeds", "ransac")
@@ -231,13 +231,20 @@ def fit_essential_detailed(
     pose = recover_pose(E, left[inliers], right[inliers], first, second)
     R, t, covariance = pose.R, pose.t, np.full((5, 5), np.nan)
     if refine or (refine is None and method != "8point"):
-        for _ in range(5):
-            refined = refine_motion(R, t, left[inliers], right[inliers], first, second)
-            R, t, covariance = refined.R, refined.t, refined.covariance
-            again = sampson_distance(left, right, to_F[0] @ cross_matrix(t) @ R @ to_F[1]) <= reach**2
-            if method in ("8point", "5point") or again.sum() < 5 or np.array_equal(again, inliers):
-                break
-            inliers = again
+        start = RefinedMotion(R, t, covariance, 0.0)
+        if method in ("8point", "5point"):
+            refined = refine_motion(R, t, left, right, first, second)
+        else:
+            refined, weights = refine_among_outliers(
+                start,
+                lambda model, w: refine_motion(model.R, model.t, left, right, first, second, w, max_iterations=8),
+                lambda model: to_F[0] @ cross_matrix(model.t) @ model.R @ to_F[1],
+                left,
+                right,
+                reach,
+            )
+            inliers = weights > 0.5
+        R, t, covariance = refined.R, refined.t, refined.covariance
         E = cross_matrix(t) @ R
     rms = float(np.sqrt(np.mean(sampson_distance(left[inliers], right[inliers], to_F[0] @ E @ to_F[1]))))
     return EssentialFit(E, R, t, inliers, rms, covariance, iterations)
@@ -320,7 +327,7 @@ def refuse_turn(rays: Float, other: Float, squared_distances: Float, K: Float) -
     if by_turn <= _TURN_FACTOR * by_E + _EXACT * np.sqrt(K[0, 0] * K[1, 1]):
         raise DegenerateGeometryError(
             f"a rotation explains the matches as well as E does ({by_turn:.2g} px against {by_E:.2g} px): the camera "
-            "only turned (pure rotation), or all points are too far for this baseline; the translation is not determined"
+            "only turned (pure rotation), or all points are too far for this baseline; t is not determined"
         )
 
 

@@ -8,8 +8,9 @@ Each match gives one equation x'ᵀ F x = 0. How to solve them depends on what t
 ``ransac``    many are wrong, and good ones are within `threshold` pixels: MSAC (``consensus``)
 ============  =======================================================================================
 
-The robust methods draw samples of seven, and end with the Gold-Standard refinement on the inliers, which are chosen
-anew until they stay the same (``two_view_refinement``); ``8point`` does so with refine=True.
+The robust methods draw samples of seven, and end with the Gold-Standard refinement on all matches, weighted by the
+probability that they are good, so that the threshold only steers the search (``two_view_refinement``). ``8point`` is
+refined too with refine=True.
 
 **What does not determine F.** All matches of a *plane*, and all matches of cameras that only *turned* about their
 common centre, are related by a homography x' ~ H x; then every F = [v]ₓ H satisfies them, for any v, and the equations'
@@ -31,7 +32,7 @@ from stereocal.base.errors import DegenerateGeometryError, InputError
 from stereocal.base.homogeneous import from_homogeneous, to_homogeneous
 from stereocal.pair.consensus import find_consensus
 from stereocal.pair.epipolar import point_pairs, sampson_distance
-from stereocal.pair.two_view_refinement import RefinedFundamental, refine_fundamental
+from stereocal.pair.two_view_refinement import RefinedFundamental, refine_among_outliers, refine_fundamental
 from stereocal.pair.two_view_solvers import eight_point, normalizing_transform, seven_point
 
 METHODS = ("8point", "lmeds", "ransac")
@@ -185,7 +186,18 @@ def fit_fundamental_detailed(
     refuse_homography(left[inliers], right[inliers], F)
     covariance = np.full((9, 9), np.nan)
     if refine or (refine is None and method != "8point"):
-        refined, inliers = _refine_and_select(F, left, right, inliers, threshold, reselect=method != "8point")
+        if method == "8point":
+            refined = refine_fundamental(F, left, right)
+        else:
+            refined, weights = refine_among_outliers(
+                RefinedFundamental(F, covariance, 0.0),
+                lambda model, w: refine_fundamental(model.F, left, right, w, max_iterations=8),
+                lambda model: model.F,
+                left,
+                right,
+                threshold,
+            )
+            inliers = weights > 0.5
         F, covariance = refined.F, refined.covariance
     rms = float(np.sqrt(np.mean(sampson_distance(left[inliers], right[inliers], F))))
     return FundamentalFit(_unit_corner(F), inliers, rms, covariance, iterations)
@@ -226,20 +238,6 @@ def _seven_point_pixels(left: Float, right: Float, samples: NDArray[np.int64]) -
     x, xp = to_homogeneous(left) @ T1.T, to_homogeneous(right) @ T2.T
     F, _ = seven_point(x[samples], xp[samples])
     return np.asarray(T2.T @ F @ T1)
-
-
-def _refine_and_select(
-    F: Float, left: Float, right: Float, inliers: NDArray[np.bool_], threshold: float, *, reselect: bool
-) -> tuple[RefinedFundamental, NDArray[np.bool_]]:
-    """Refine, choose the inliers anew, and repeat until they stay the same."""
-    refined = refine_fundamental(F, left[inliers], right[inliers])
-    for _ in range(5 if reselect else 0):
-        again = sampson_distance(left, right, refined.F) <= threshold**2
-        if again.sum() < 8 or np.array_equal(again, inliers):
-            break
-        inliers = again
-        refined = refine_fundamental(refined.F, left[inliers], right[inliers])
-    return refined, inliers
 
 
 def require_distinct(left: Float, right: Float, minimum: int, what: str) -> None:

@@ -16,13 +16,25 @@ F must keep rank 2 on the way. Its singular value decomposition does that: with 
 three numbers α, three β and σ: seven, the degrees of freedom of F (Bartoli and Sturm, 2004). For an essential matrix
 the unknowns are the motion: R = R(ω) R₀, and t = t₀ + b₁τ₁ + b₂τ₂, normalised, with b₁, b₂ orthogonal to t₀: five.
 
+**With outliers left.** A threshold that parts good from bad throws away good matches beyond it and keeps bad ones
+within, and either costs accuracy. Rather than choosing, :func:`refine_among_outliers` weights: a signed distance r is
+taken to come from a mixture of good matches, normal with standard deviation σ, and bad ones, uniform over [−L, L],
+
+    p(r) = π N(r; σ) + (1 − π) / 2L,        w(r) = π N(r; σ) / p(r),
+
+w the probability that the match is good. σ² = Σ w r² / Σ w and π = mean w follow from the weights, the weights from
+them, and the model from the weighted least squares: expectation maximisation, which climbs to a maximum of the
+likelihood of all matches.
+
 Sources: R. Hartley, A. Zisserman, *Multiple View Geometry* (2004), section 11.4; A. Bartoli, P. Sturm, *Nonlinear
-estimation of the fundamental matrix with minimal parameters*, PAMI 26 (2004).
+estimation of the fundamental matrix with minimal parameters*, PAMI 26 (2004); P. Torr, A. Zisserman, *MLESAC*, CVIU 78
+(2000) (the mixture).
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -32,6 +44,9 @@ from stereocal.base.least_squares import central_differences, minimize_least_squ
 from stereocal.base.rotations import rotation_matrix
 from stereocal.pair.epipolar import correct_matches, sampson_distance
 from stereocal.pair.two_view_solvers import normalizing_transform
+
+_ROUNDS = 12
+_SETTLED = 0.02
 
 
 class RefinedFundamental(NamedTuple):
@@ -49,6 +64,9 @@ class RefinedMotion(NamedTuple):
     t: Float
     covariance: Float
     rms: float
+
+
+Refined = TypeVar("Refined", RefinedFundamental, RefinedMotion)
 
 
 def signed_distances(left: Float, right: Float, F: Float) -> Float:
@@ -77,7 +95,9 @@ def _first_order(left: Float, right: Float, F: Float) -> Float:
     return np.asarray(np.sign(side) * np.sqrt(sampson_distance(left, right, F)))
 
 
-def refine_fundamental(F: Float, left: Float, right: Float) -> RefinedFundamental:
+def refine_fundamental(
+    F: Float, left: Float, right: Float, weights: Float | None = None, *, max_iterations: int = 30
+) -> RefinedFundamental:
     """Minimise the sum of squared distances of the points from F, over all F of rank 2.
 
     Parameters
@@ -85,7 +105,11 @@ def refine_fundamental(F: Float, left: Float, right: Float) -> RefinedFundamenta
     F : ndarray of shape (3, 3)
         Where to begin.
     left, right : ndarray of shape (N, 2)
-        Matching pixels without outliers, N ≥ 7.
+        Matching pixels, N ≥ 7.
+    weights : ndarray of shape (N,), optional
+        Of the squared distances.
+    max_iterations : int
+        Limit on steps.
 
     Returns
     -------
@@ -101,23 +125,24 @@ def refine_fundamental(F: Float, left: Float, right: Float) -> RefinedFundamenta
         full = T2.T @ U @ middle @ Vt @ T1
         return np.asarray(full / np.linalg.norm(full))
 
-    # the derivative of the first-order distance is that of the distance itself, to first order in the noise
-    fit = minimize_least_squares(
-        lambda x: signed_distances(left, right, matrix(x)),
-        np.zeros(7),
-        jacobian=lambda x: central_differences(lambda y: _first_order(left, right, matrix(y)), x),
-        max_iterations=30,
-        cost_tolerance=1e-12,
-    )
-    best = matrix(fit.x)
-    J = central_differences(lambda x: matrix(x).ravel(), fit.x)
+    fit, covariance, rms = _fit(matrix, np.zeros(7), left, right, weights, max_iterations)
+    best = matrix(fit)
+    J = central_differences(lambda x: matrix(x).ravel(), fit)
     with np.errstate(invalid="ignore"):
-        covariance = J @ fit.covariance() @ J.T
-    return RefinedFundamental(best, covariance, float(np.sqrt(fit.cost / len(left))))
+        covariance = J @ covariance @ J.T
+    return RefinedFundamental(best, covariance, rms)
 
 
 def refine_motion(
-    R: Float, t: Float, left: Float, right: Float, K_left: Float, K_right: Float, *, max_iterations: int = 30
+    R: Float,
+    t: Float,
+    left: Float,
+    right: Float,
+    K_left: Float,
+    K_right: Float,
+    weights: Float | None = None,
+    *,
+    max_iterations: int = 30,
 ) -> RefinedMotion:
     """Minimise the sum of squared distances of the points from F = K_right⁻ᵀ [t]ₓ R K_left⁻¹, over R and t.
 
@@ -128,9 +153,11 @@ def refine_motion(
     t : ndarray of shape (3,)
         Unit vector.
     left, right : ndarray of shape (N, 2)
-        Matching undistorted pixels without outliers, N ≥ 5.
+        Matching undistorted pixels, N ≥ 5.
     K_left, K_right : ndarray of shape (3, 3)
         Camera matrices.
+    weights : ndarray of shape (N,), optional
+        Of the squared distances.
     max_iterations : int
         Limit on steps.
 
@@ -150,11 +177,76 @@ def refine_motion(
         rotation, direction = motion(x)
         return np.asarray(inverse_right.T @ cross_matrix(direction) @ rotation @ inverse_left)
 
+    fit, covariance, rms = _fit(matrix, np.zeros(5), left, right, weights, max_iterations)
+    return RefinedMotion(*motion(fit), covariance, rms)
+
+
+def _fit(
+    matrix: Callable[[Float], Float],
+    x0: Float,
+    left: Float,
+    right: Float,
+    weights: Float | None,
+    max_iterations: int,
+) -> tuple[Float, Float, float]:
+    """Minimise Σ w r² over the parameters of F, and return them, their covariance and the weighted RMS."""
+    w = np.ones(len(left)) if weights is None else weights
+    root = np.sqrt(w)
+    total = float(w.sum())
     fit = minimize_least_squares(
-        lambda x: signed_distances(left, right, matrix(x)),
-        np.zeros(5),
-        jacobian=lambda x: central_differences(lambda y: _first_order(left, right, matrix(y)), x),
+        lambda x: root * signed_distances(left, right, matrix(x)),
+        x0,
+        # the derivative of the first-order distance is that of the distance itself, to first order in the noise
+        jacobian=lambda x: root[:, None] * central_differences(lambda y: _first_order(left, right, matrix(y)), x),
         max_iterations=max_iterations,
         cost_tolerance=1e-12,
+        gradient_tolerance=1e-8,
     )
-    return RefinedMotion(*motion(fit.x), fit.covariance(), float(np.sqrt(fit.cost / len(left))))
+    covariance = fit.covariance(degrees_of_freedom=max(round(total) - len(x0), 0))
+    return fit.x, covariance, float(np.sqrt(fit.cost / total))
+
+
+def refine_among_outliers(
+    model: Refined,
+    refine: Callable[[Refined, Float], Refined],
+    to_F: Callable[[Refined], Float],
+    left: Float,
+    right: Float,
+    reach: float,
+) -> tuple[Refined, Float]:
+    """Refine a model on all matches, each weighted by the probability that it is good.
+
+    Parameters
+    ----------
+    model : RefinedFundamental or RefinedMotion
+        Where to begin, near enough that most good matches are within `reach` of it.
+    refine : callable
+        Model and weights to a better model.
+    to_F : callable
+        Model to F, in pixels.
+    left, right : ndarray of shape (N, 2)
+        All matches, the wrong ones too.
+    reach : float
+        Distance up to which matches count as good at the start, pixels.
+
+    Returns
+    -------
+    model : RefinedFundamental or RefinedMotion
+    weights : ndarray of shape (N,)
+        The probability that each match is good.
+    """
+    r = signed_distances(left, right, to_F(model))
+    weights = (np.abs(r) <= reach).astype(float)
+    extent = max(float(np.abs(r).max()), 10 * reach)
+    for _ in range(_ROUNDS):
+        sigma = np.sqrt(np.sum(weights * r**2) / max(np.sum(weights), 1e-12)) + 1e-12
+        share = float(np.clip(weights.mean(), 0.05, 1 - 1e-6))
+        good = share * np.exp(-0.5 * (r / sigma) ** 2) / (np.sqrt(2 * np.pi) * sigma)
+        update = good / (good + (1 - share) / (2 * extent))
+        change = float(np.abs(update - weights).max())
+        weights = update
+        model = refine(model, weights)
+        r = signed_distances(left, right, to_F(model))
+        if change < _SETTLED:
+            break
+    return model, weights
