@@ -19,10 +19,38 @@ from rich.text import Text
 from stereocal.report.verdicts import Verdict, worst
 from stereocal.workflow.boards import DetectionRun
 from stereocal.workflow.calibrations import CalibrationRun
+from stereocal.workflow.demonstration import DemoRun
 from stereocal.workflow.depth_maps import DepthMapRun
 from stereocal.workflow.rectified_pairs import RectificationRun
 from stereocal.workflow.sweeps import SweepRun
 from stereocal.workflow.targets import TargetRun
+
+
+def summarize_demo(run: DemoRun) -> Iterator[RenderableType]:
+    """Every bound and whether it holds."""
+    used, pairs = len(run.calibration.used), len(run.calibration.pairs)
+    yield (
+        f"Rendered {pairs} pairs of a chessboard and a room; calibrated from {used} of them, RMS "
+        f"{run.calibration.fit.calibration.rms:.4f} px; matched the room with {run.depth_map.method}.\n"
+    )
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("compared with the truth")
+    table.add_column("measured", justify="right")
+    table.add_column("bound", justify="right")
+    table.add_column("")
+    for check in run.checks:
+        bound = check.bound
+        sign = "≥" if bound.at_least else "≤"
+        verdict = "[green]holds[/]" if check.holds else "[red]BROKEN[/]"
+        table.add_row(bound.name, f"{check.value:.3g} {bound.unit}", f"{sign} {bound.limit:g} {bound.unit}", verdict)
+    yield table
+    broken = sum(not check.holds for check in run.checks)
+    yield "\n[bold green]All bounds hold.[/]" if run.holds else f"\n[bold red]{broken} bounds are broken.[/]"
+    yield f"{run.seconds:.0f} s. {len(run.files)} files in {run.folder}"
+    yield from _next(
+        f"open {run.folder / 'report.html'} in a browser, look at {run.folder / 'demo.png'}",
+        "then your own cameras: stereocal board --inner-corners 9x6 --square 25mm --paper A4 --out board.pdf",
+    )
 
 
 def summarize_detection(run: DetectionRun) -> Iterator[RenderableType]:
