@@ -54,6 +54,15 @@ FORMATS: dict[str, CalibrationFormat] = {
     for each in (
         CalibrationFormat("stereocal", "format_stereocal", "stereocal's own JSON", (".json",)),
         CalibrationFormat("opencv", "format_opencv", "OpenCV FileStorage", (".yml", ".yaml", ".xml")),
+        CalibrationFormat("ros", "format_ros", "ROS camera_info", (), writes_folder=True),
+        CalibrationFormat("kalibr", "format_kalibr", "Kalibr's camchain"),
+        CalibrationFormat("boofcv", "format_boofcv", "BoofCV's YAML"),
+        CalibrationFormat("matlab", "format_matlab", "MATLAB's struct", (".mat",)),
+        CalibrationFormat("colmap", "format_colmap", "COLMAP's cameras.txt"),
+        CalibrationFormat("kitti", "format_kitti", "KITTI's calib.txt"),
+        CalibrationFormat("middlebury", "format_middlebury", "Middlebury's calib.txt"),
+        CalibrationFormat("mrcal", "format_mrcal", "mrcal's cameramodel", (".cameramodel",), writes_folder=True),
+        CalibrationFormat("paper", "format_paper", "the paper's npz", (".npz",)),
     )
 }
 """Every format by its name."""
@@ -209,13 +218,13 @@ def recognize_format(path: str | os.PathLike[str]) -> str:
         return _recognize_folder(source)
     head = read_bytes(source)[:65536]
     if head[:4] == b"PK\x03\x04":
-        return _require_known("paper", source)
+        return "paper"
     if head[:10] == b"MATLAB 5.0":
-        return _require_known("matlab", source)
+        return "matlab"
     text = head.decode("utf-8-sig", "replace").lstrip()
     for mark, name in _MARKS:
         if all(word in text for word in mark):
-            return _require_known(name, source)
+            return name
     raise DataFileError(source, f"is no calibration that is known; known are {', '.join(FORMATS)}")
 
 
@@ -223,6 +232,17 @@ _MARKS: tuple[tuple[tuple[str, ...], str], ...] = (
     (("stereocal calibration",), "stereocal"),
     (("opencv_storage",), "opencv"),
     (("opencv-matrix",), "opencv"),
+    (("lensmodel", "imagersize"), "mrcal"),
+    (("cam0:", "camera_model"), "kalibr"),
+    (("stereo_camera",), "boofcv"),
+    (("pinhole_radial_tangential",), "boofcv"),
+    (("distortion_model", "camera_matrix"), "ros"),
+    (("cam0=", "cam1="), "middlebury"),
+    (("RadialDistortion",), "matlab"),
+    (("P0:", "P1:"), "kitti"),
+    (("PINHOLE",), "colmap"),
+    (("OPENCV",), "colmap"),
+    (("RADIAL",), "colmap"),
 )
 """Words that only files of one format hold, the most telling first."""
 
@@ -231,19 +251,14 @@ def _recognize_folder(folder: Path) -> str:
     for file, name in (
         ("calibration.json", "stereocal"),
         ("left.yaml", "ros"),
+        ("left.cameramodel", "mrcal"),
         ("intrinsics.yml", "opencv"),
         ("intrinsics.xml", "opencv"),
         ("calibration.yml", "opencv"),
     ):
         if (folder / file).is_file():
-            return _require_known(name, folder)
+            return name
     raise DataFileError(folder, "holds no calibration.json, left.yaml or intrinsics.yml; name the file itself")
-
-
-def _require_known(name: str, source: Path) -> str:
-    if name not in FORMATS:
-        raise DataFileError(source, f"is in a format that is not read yet: {name}")
-    return name
 
 
 def _format_for_writing(target: Path, name: str | None) -> str:

@@ -63,8 +63,9 @@ def read(path: Path) -> CalibrationRecord:
     except InputError as error:
         raise fields.error(f"is no calibration: {error}") from error
     for side in ("camera", "left", "right"):
-        if side in extra:
-            extra[side] = {name: value for name, value in extra[side].items() if name not in _CAMERA_GEOMETRY}
+        further = {name: value for name, value in extra.pop(side, {}).items() if name not in _CAMERA_GEOMETRY}
+        if further:
+            extra[side] = further
     return CalibrationRecord(calibration, unit, extra)
 
 

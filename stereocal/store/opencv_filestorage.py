@@ -16,7 +16,6 @@ off before a YAML parser sees the text.
 from __future__ import annotations
 
 import json
-import math
 import re
 from pathlib import Path
 from typing import Any
@@ -27,7 +26,7 @@ import numpy as np
 from stereocal.base.atomic_files import write_whole
 from stereocal.base.checks import Float
 from stereocal.base.errors import DataFileError
-from stereocal.store.structured_text import matrix_from_entries, parse_json, parse_xml, parse_yaml, read_text
+from stereocal.store.structured_text import matrix_from_entries, parse_json, parse_xml, parse_yaml, read_text, spell
 
 _HEADER = re.compile(r"\A\s*%YAML[: ]1\.[0-9]\s*?\n(---[^\n]*\n)?")
 
@@ -77,7 +76,7 @@ def write_storage(path: Path, content: dict[str, Any]) -> Path:
     for name, value in content.items():
         if isinstance(value, np.ndarray):
             rows, columns = value.shape
-            numbers = ", ".join(_spell(number) for number in value.ravel())
+            numbers = ", ".join(spell(number) for number in value.ravel())
             lines += [f"{name}: !!opencv-matrix", f"   rows: {rows}", f"   cols: {columns}", "   dt: d"]
             lines += [f"   data: [ {numbers} ]"]
         else:
@@ -85,17 +84,8 @@ def write_storage(path: Path, content: dict[str, Any]) -> Path:
     return write_whole(path, "\n".join(lines) + "\n")
 
 
-def _spell(number: float) -> str:
-    """Return the shortest text that reads back as the same float64, with a point, so that it is no int."""
-    if not math.isfinite(number):
-        raise ValueError("a calibration holds finite numbers only")
-    text = repr(float(number))
-    mantissa, e, exponent = text.partition("e")
-    return (mantissa if "." in mantissa else mantissa + ".") + (e + exponent if e else "")
-
-
 def _spell_scalar(value: int | float) -> str:
-    return str(value) if isinstance(value, int) else _spell(value)
+    return str(value) if isinstance(value, int) else spell(value)
 
 
 def _to_xml(content: dict[str, Any]) -> str:
@@ -106,7 +96,7 @@ def _to_xml(content: dict[str, Any]) -> str:
             node.set("type_id", "opencv-matrix")
             for key, text in zip(("rows", "cols", "dt"), (*map(str, value.shape), "d"), strict=True):
                 ElementTree.SubElement(node, key).text = text
-            ElementTree.SubElement(node, "data").text = " ".join(_spell(number) for number in value.ravel())
+            ElementTree.SubElement(node, "data").text = " ".join(spell(number) for number in value.ravel())
         else:
             node.text = f'"{value}"' if isinstance(value, str) else _spell_scalar(value)
     ElementTree.indent(root)

@@ -18,6 +18,7 @@ names the file and the entry when it is not there.
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Iterable
 from pathlib import Path
@@ -98,6 +99,14 @@ def parse_xml(text: str, path: str | os.PathLike[str]) -> ElementTree.Element:
         return ElementTree.fromstring(_without_declaration(text).encode())
     except (ElementTree.ParseError, ValueError, RecursionError) as error:
         raise DataFileError(path, f"is not valid XML, or is cut short ({_one_line(error)})") from error
+
+
+def spell(number: float) -> str:
+    """Return the shortest text that reads back as the same float64, with a point: YAML 1.1 takes 1e-05 for a word."""
+    if not math.isfinite(number):
+        raise ValueError("a calibration holds finite numbers only")
+    mantissa, e, exponent = repr(float(number)).partition("e")
+    return (mantissa if "." in mantissa else mantissa + ".0") + e + exponent
 
 
 class Fields:
