@@ -8,14 +8,20 @@ the stereo_calib sample read it; a lens model that OpenCV does not have gets non
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from matplotlib.figure import Figure
+
+from stereocal.report.figures_images import draw_corners, draw_rectified_pair
 from stereocal.report.quality import QualityReport, evaluate_calibration
+from stereocal.report.style import to_png
 from stereocal.store.calibration_record import OPENCV_MODELS
 from stereocal.store.calibrations import save_calibration
 from stereocal.workflow.outputs import StagedFolder
 from stereocal.workflow.progress import Progress
+from stereocal.workflow.rectified_pairs import rectify_for_viewing
 from stereocal.workflow.rig_fitting import PairRecord
 
 if TYPE_CHECKING:
@@ -60,7 +66,30 @@ def write_calibration_files(run: CalibrationRun, staged: StagedFolder, progress:
         report.save_json(staged.path("report.json"))
         report.save_html(staged.path("report.html"))
         report.save_figures(staged.path("figures/x").parent)
+        for name, figure in _example_figures(run):
+            staged.path(f"figures/{name}.png").write_bytes(to_png(figure))
     return report
+
+
+def _example_figures(run: CalibrationRun) -> Iterator[tuple[str, Figure]]:
+    """Draw the pair that fits like the median one: its corners on the photographs, and the pair rectified."""
+    median = np.argsort(run.fit.view_rms)[len(run.fit.view_rms) // 2]
+    record, corners = run.used[median], (run.fit.left_points[median], run.fit.right_points[median])
+    photographs = record.pair.left.read(), record.pair.right.read()
+    for side, image, points in zip(("left", "right"), photographs, corners, strict=True):
+        yield (
+            f"corners_{side}",
+            draw_corners(image, points, run.board.columns, title=f"{side}: corners that were found"),
+        )
+    rectification = rectify_for_viewing(run.fit.calibration.rig)
+    yield (
+        "rectified_pair",
+        draw_rectified_pair(
+            *rectification.apply(*photographs),
+            left_corners=rectification.rectify_points(corners[0], "left"),
+            right_corners=rectification.rectify_points(corners[1], "right"),
+        ),
+    )
 
 
 def evaluate_run(run: CalibrationRun) -> QualityReport:

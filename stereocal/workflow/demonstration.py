@@ -324,7 +324,10 @@ def draw_demo(left: NDArray[Any], disparity: NDArray[np.float32], error: Float) 
     show_image(grid[0, 0], left)
     dress_image(grid[0, 0], (width, height), "left photograph, rectified")
     missing = {"bad": NO_VALUE}
-    shown = grid[0, 1].imshow(disparity, cmap=colormaps[SEQUENTIAL].with_extremes(**missing), interpolation="nearest")
+    low, high = np.nanpercentile(disparity, (0.5, 99.5))
+    shown = grid[0, 1].imshow(
+        disparity, cmap=colormaps[SEQUENTIAL].with_extremes(**missing), vmin=low, vmax=high, interpolation="nearest"
+    )
     dress_image(grid[0, 1], (width, height), "disparity that was found")
     add_colorbar(figure, shown, grid[0, 1], "px")
     shown = grid[0, 2].imshow(
