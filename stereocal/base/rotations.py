@@ -121,3 +121,65 @@ def rotation_vector(R: ArrayLike) -> Float:
     if length < 1e-300:
         return np.zeros(3)
     return np.asarray(2 * np.arctan2(length, q[0]) / length * q[1:])
+
+
+def rotation_matrices(rvecs: Float) -> Float:
+    """Rodrigues' formula for many vectors at once: (V, 3) to (V, 3, 3); see :func:`rotation_matrix`."""
+    theta2 = np.sum(rvecs * rvecs, axis=1)
+    theta = np.sqrt(theta2)
+    small = theta < _SMALL_ANGLE
+    safe = np.where(small, 1.0, theta)
+    s = np.where(small, 1 - theta2 / 6 + theta2**2 / 120, np.sin(safe) / safe)
+    c = np.where(small, 0.5 - theta2 / 24 + theta2**2 / 720, (1 - np.cos(safe)) / safe**2)
+    rx = cross_matrices(rvecs)
+    return np.asarray(np.eye(3) + s[:, None, None] * rx + c[:, None, None] * (rx @ rx))
+
+
+def rotation_vectors(R: Float) -> Float:
+    """Inverse of Rodrigues' formula for many rotations at once: (V, 3, 3) to (V, 3); see :func:`rotation_vector`.
+
+    The unit quaternion is a column of qqᵀ, of which each rotation gives all entries (times 4); the column with the
+    largest diagonal loses no digits.
+    """
+    d0, d1, d2 = R[:, 0, 0], R[:, 1, 1], R[:, 2, 2]
+    a, b, c = R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]
+    xy, xz, yz = R[:, 0, 1] + R[:, 1, 0], R[:, 0, 2] + R[:, 2, 0], R[:, 1, 2] + R[:, 2, 1]
+    columns = np.stack(
+        [
+            np.stack([1 + d0 + d1 + d2, a, b, c], axis=1),
+            np.stack([a, 1 + d0 - d1 - d2, xy, xz], axis=1),
+            np.stack([b, xy, 1 - d0 + d1 - d2, yz], axis=1),
+            np.stack([c, xz, yz, 1 - d0 - d1 + d2], axis=1),
+        ],
+        axis=1,
+    )
+    best = np.argmax(columns[:, range(4), range(4)], axis=1)
+    q = columns[np.arange(len(R)), best]
+    q = q / np.linalg.norm(q, axis=1, keepdims=True)
+    q = np.where(q[:, :1] < 0, -q, q)
+    length = np.linalg.norm(q[:, 1:], axis=1)
+    safe = np.where(length > 1e-300, length, 1.0)
+    return np.asarray((2 * np.arctan2(length, q[:, 0]) / safe)[:, None] * q[:, 1:])
+
+
+def left_jacobian_inverse(rvecs: Float) -> Float:
+    """Return J_l(r)⁻¹ = I − ½[r]ₓ + (1/θ² − cot(θ/2)/(2θ)) [r]ₓ² of vectors (V, 3): (V, 3, 3).
+
+    A small turn ω on the left of exp([r]ₓ) changes r by J_l(r)⁻¹ ω.
+    """
+    theta2 = np.sum(rvecs * rvecs, axis=1)
+    theta = np.sqrt(theta2)
+    small = theta < _SMALL_ANGLE
+    safe = np.where(small, 1.0, theta)
+    closed = 1 / safe**2 - 1 / (2 * safe * np.tan(safe / 2))
+    d = np.where(small, 1 / 12 + theta2 / 720 + theta2**2 / 30240, closed)
+    rx = cross_matrices(rvecs)
+    return np.asarray(np.eye(3) - 0.5 * rx + d[:, None, None] * (rx @ rx))
+
+
+def cross_matrices(vectors: Float) -> Float:
+    """Return [v]ₓ of vectors (V, 3): (V, 3, 3)."""
+    out = np.zeros((len(vectors), 3, 3))
+    out[:, 2, 1], out[:, 0, 2], out[:, 1, 0] = vectors[:, 0], vectors[:, 1], vectors[:, 2]
+    out[:, 1, 2], out[:, 2, 0], out[:, 0, 1] = -vectors[:, 0], -vectors[:, 1], -vectors[:, 2]
+    return out

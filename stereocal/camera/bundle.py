@@ -49,7 +49,7 @@ from itertools import pairwise
 import numpy as np
 
 from stereocal.base.checks import Float
-from stereocal.base.rotations import rotation_matrix
+from stereocal.base.rotations import rotation_matrices, rotation_matrix
 from stereocal.camera.distortion_base import DistortionModel
 from stereocal.camera.projection import perspective_jacobian
 
@@ -169,14 +169,17 @@ class BundleState:
         for c, step in enumerate(rig, start=1):
             R_rig[c] = rotation_matrix(step[:3]) @ R_rig[c]
             t_rig[c] = t_rig[c] + step[3:]
-        turns = np.stack([rotation_matrix(omega) for omega in poses[:, :3]]) if len(poses) else np.zeros((0, 3, 3))
+        turns = rotation_matrices(poses[:, :3])
         beta = self.shape + shared[at + rig.size :]
         return BundleState(intrinsics, R_rig, t_rig, turns @ self.R_views, self.t_views + poses[:, 3:], beta)
 
 
 @dataclass
 class NormalEquations:
-    """F and its normal equations at a state: U (F, F), b_z (F,), V (V, 6, 6), b_v (V, 6), W (V, F, 6)."""
+    """F and its normal equations at a state: U (F, F), b_z (F,), V (V, 6, 6), b_v (V, 6), W (V, F, 6).
+
+    `schur` keeps the Schur complement once ``bundle_solver.schur_complement`` has computed it.
+    """
 
     cost: float
     U: Float
@@ -184,6 +187,7 @@ class NormalEquations:
     V: Float
     b_views: Float
     W: Float
+    schur: tuple[Float, Float] | None = None
 
 
 def residuals(bundle: Bundle, state: BundleState) -> Float:

@@ -1,3 +1,4 @@
+# mypy: allow-untyped-defs
 """Bundle adjustment, compiled: the twin of ``bundle`` and ``bundle_solver`` for the lens models of OpenCV's family.
 
 The equations and letters are those of ``bundle``. What differs is the order of the work:
@@ -5,7 +6,8 @@ The equations and letters are those of ``bundle``. What differs is the order of 
 - A block (the corners of one view in one camera) is taken in chunks of 64 points. For a chunk, every column of the
 Jacobian
   is a row of a flat scratch array with a stride known at compile time, so that each loop runs over the points and the
-  compiler turns it into vector instructions without having to prove that arrays do not overlap.
+  compiler turns it into vector instructions without having to prove that arrays do not overlap. AᵀA is then one small
+  matrix product.
 - Derivatives are first taken by the block's own pose (a turn ω and a shift δt in the camera's frame) and the camera's
 parameters.
   Of the outcome AᵀA, a matrix of at most 24 × 24, the parts for view and rig follow by 6×6 matrices:
@@ -25,6 +27,7 @@ import numpy as np
 from numba import njit
 
 CHUNK = 64
+STRIDE = 2 * CHUNK  # a row of J: ∂u of the chunk, then ∂v
 MAX_COLUMNS = 24  # 6 of the pose, 5 of K, 12 of the lens, 1 of the residual
 SCRATCH_ROWS = 24
 
@@ -51,7 +54,7 @@ def rotation_of(w0, w1, w2, R):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=SUMS)
-def lens_column(column, m, fx, fy, sk, at, tmp, Ju, Jv):
+def lens_column(column, m, fx, fy, sk, at, tmp, J):
     """Fill one column of θ = fx fy cx cy s, k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4, through A = [[fx, s], [0, fy]].
 
     There are three kinds, and within a kind only numbers differ, so that no loop has a branch in it.
@@ -63,8 +66,8 @@ def lens_column(column, m, fx, fy, sk, at, tmp, Ju, Jv):
         f1 = 1.0 if column == 1 else 0.0
         f2 = 1.0 if column == 3 else 0.0
         for j in range(m):
-            Ju[at + j] = e0 * tmp[6 * CHUNK + j] + e1 * tmp[7 * CHUNK + j] + e2
-            Jv[at + j] = f1 * tmp[7 * CHUNK + j] + f2
+            J[at + j] = e0 * tmp[6 * CHUNK + j] + e1 * tmp[7 * CHUNK + j] + e2
+            J[at + CHUNK + j] = f1 * tmp[7 * CHUNK + j] + f2
     elif column < 7 or 9 <= column < 13:  # radial: x w, with w = s, s², s³ over the denominator, and −f times that
         power = column - 4 if column < 7 else 3 if column == 9 else column - 9
         c1 = 1.0 if power == 1 else 0.0
@@ -76,8 +79,8 @@ def lens_column(column, m, fx, fy, sk, at, tmp, Ju, Jv):
             s = tmp[12 * CHUNK + j]
             w = s * (c1 + s * (c2 + s * c3)) * tmp[13 * CHUNK + j] * (one + minus * tmp[14 * CHUNK + j])
             a, b = tmp[4 * CHUNK + j] * w, tmp[5 * CHUNK + j] * w
-            Ju[at + j] = fx * a + sk * b
-            Jv[at + j] = fy * b
+            J[at + j] = fx * a + sk * b
+            J[at + CHUNK + j] = fy * b
     else:  # tangential and thin prism: quadratic and quartic forms
         a_uu, a_uv, a_vv, a_ss, b_uu, b_uv, b_vv, b_ss = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         if column == 7:
@@ -96,13 +99,13 @@ def lens_column(column, m, fx, fy, sk, at, tmp, Ju, Jv):
             u, v, s = tmp[4 * CHUNK + j], tmp[5 * CHUNK + j], tmp[12 * CHUNK + j]
             a = a_uu * u * u + a_uv * u * v + a_vv * v * v + a_ss * s * s
             b = b_uu * u * u + b_uv * u * v + b_vv * v * v + b_ss * s * s
-            Ju[at + j] = fx * a + sk * b
-            Jv[at + j] = fy * b
+            J[at + j] = fx * a + sk * b
+            J[at + CHUNK + j] = fy * b
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=SUMS)
-def chunk_jacobian(X, y, first, m, R, t, theta, columns, tmp, Ju, Jv):
-    """Fill Ju, Jv (MAX_COLUMNS × CHUNK, flat) with ∂u, ∂v by (ω, δt, θ[columns]) and, last, the residual p̃ − y.
+def chunk_jacobian(X, y, first, m, R, t, theta, columns, tmp, J):
+    """Fill the rows of J (MAX_COLUMNS × STRIDE, flat) with ∂u, ∂v by ω, δt, θ[columns] and, last, the residual p̃ − y.
 
     Returns whether every point is in front of the camera. `tmp` is (SCRATCH_ROWS × CHUNK, flat).
     """
@@ -156,45 +159,45 @@ def chunk_jacobian(X, y, first, m, R, t, theta, columns, tmp, Ju, Jv):
         h0 = fy * d10 * iz
         h1 = fy * d11 * iz
         h2 = -(u * h0 + v * h1)
-        Ju[0 * CHUNK + j] = Y1 * g2 - Y2 * g1
-        Ju[1 * CHUNK + j] = Y2 * g0 - Y0 * g2
-        Ju[2 * CHUNK + j] = Y0 * g1 - Y1 * g0
-        Ju[3 * CHUNK + j] = g0
-        Ju[4 * CHUNK + j] = g1
-        Ju[5 * CHUNK + j] = g2
-        Jv[0 * CHUNK + j] = Y1 * h2 - Y2 * h1
-        Jv[1 * CHUNK + j] = Y2 * h0 - Y0 * h2
-        Jv[2 * CHUNK + j] = Y0 * h1 - Y1 * h0
-        Jv[3 * CHUNK + j] = h0
-        Jv[4 * CHUNK + j] = h1
-        Jv[5 * CHUNK + j] = h2
+        J[0 * STRIDE + j] = Y1 * g2 - Y2 * g1
+        J[1 * STRIDE + j] = Y2 * g0 - Y0 * g2
+        J[2 * STRIDE + j] = Y0 * g1 - Y1 * g0
+        J[3 * STRIDE + j] = g0
+        J[4 * STRIDE + j] = g1
+        J[5 * STRIDE + j] = g2
+        J[0 * STRIDE + CHUNK + j] = Y1 * h2 - Y2 * h1
+        J[1 * STRIDE + CHUNK + j] = Y2 * h0 - Y0 * h2
+        J[2 * STRIDE + CHUNK + j] = Y0 * h1 - Y1 * h0
+        J[3 * STRIDE + CHUNK + j] = h0
+        J[4 * STRIDE + CHUNK + j] = h1
+        J[5 * STRIDE + CHUNK + j] = h2
     for i in range(len(columns)):
-        lens_column(columns[i], m, fx, fy, sk, (6 + i) * CHUNK, tmp, Ju, Jv)
-    last = (6 + len(columns)) * CHUNK
+        lens_column(columns[i], m, fx, fy, sk, (6 + i) * STRIDE, tmp, J)
+    last = (6 + len(columns)) * STRIDE
     for j in range(m):
-        Ju[last + j] = fx * tmp[6 * CHUNK + j] + sk * tmp[7 * CHUNK + j] + cx - y[0, first + j]
-        Jv[last + j] = fy * tmp[7 * CHUNK + j] + cy - y[1, first + j]
+        J[last + j] = fx * tmp[6 * CHUNK + j] + sk * tmp[7 * CHUNK + j] + cx - y[0, first + j]
+        J[last + CHUNK + j] = fy * tmp[7 * CHUNK + j] + cy - y[1, first + j]
     return True
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=SUMS)
-def weigh_chunk(first, m, count, whitening, loss, scale, Ju, Jv):
+def weigh_chunk(first, m, count, whitening, loss, scale, J):
     """Multiply the rows of a chunk by their whitening and by √w of the loss; return Σρ."""
     if whitening.shape[1] > 0:
         for i in range(count):
-            at = i * CHUNK
+            at = i * STRIDE
             for j in range(m):
-                a, b = Ju[at + j], Jv[at + j]
-                Ju[at + j] = whitening[0, first + j] * a + whitening[1, first + j] * b
-                Jv[at + j] = whitening[2, first + j] * a + whitening[3, first + j] * b
-    last = (count - 1) * CHUNK
+                a, b = J[at + j], J[at + CHUNK + j]
+                J[at + j] = whitening[0, first + j] * a + whitening[1, first + j] * b
+                J[at + CHUNK + j] = whitening[2, first + j] * a + whitening[3, first + j] * b
+    last = (count - 1) * STRIDE
     total = 0.0
     if loss == 0:
         for j in range(m):
-            total += Ju[last + j] * Ju[last + j] + Jv[last + j] * Jv[last + j]
+            total += J[last + j] * J[last + j] + J[last + CHUNK + j] * J[last + CHUNK + j]
         return total
     for j in range(m):
-        e = Ju[last + j] * Ju[last + j] + Jv[last + j] * Jv[last + j]
+        e = J[last + j] * J[last + j] + J[last + CHUNK + j] * J[last + CHUNK + j]
         w = 1.0
         if loss == 1:
             if e > scale * scale:
@@ -208,20 +211,18 @@ def weigh_chunk(first, m, count, whitening, loss, scale, Ju, Jv):
             w = 1 / (1 + e / (scale * scale))
         w = math.sqrt(w)
         for i in range(count):
-            Ju[i * CHUNK + j] *= w
-            Jv[i * CHUNK + j] *= w
+            J[i * STRIDE + j] *= w
+            J[i * STRIDE + CHUNK + j] *= w
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=SUMS)
-def add_products(count, m, Ju, Jv, A):
-    """A += JuᵀJu + JvᵀJv, upper triangle."""
+@njit(cache=True, nogil=True, error_model="numpy")
+def fill_up(count, m, J):
+    """Fill the chunk up with zeros to its full width."""
     for i in range(count):
-        for k in range(i, count):
-            total = 0.0
-            for j in range(m):
-                total += Ju[i * CHUNK + j] * Ju[k * CHUNK + j] + Jv[i * CHUNK + j] * Jv[k * CHUNK + j]
-            A[i, k] += total
+        for j in range(m, CHUNK):
+            J[i * STRIDE + j] = 0.0
+            J[i * STRIDE + CHUNK + j] = 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -232,9 +233,6 @@ def scatter_block(
 
     Rt is R_c t_v. M_v = diag(R_c, R_c) takes (ω_v, δt_v) to the block's pose, B = [[I, 0], [−[R_c t_v]ₓ, I]] the rig's.
     """
-    for i in range(n):
-        for j in range(i):
-            A[i, j] = A[j, i]
     last = n - 1
     for i in range(n):  # AM = A[:, pose] diag(R_c, R_c)
         for j in range(3):
@@ -301,7 +299,7 @@ def clear(U, b, V, b_v, W):
 @njit(cache=True, nogil=True, error_model="numpy")
 def normal_equations_kernel(
     X, y, offsets, cameras, views, whitening, loss, scale, theta, R_rig, t_rig, R_views, t_views, column_lists,
-    column_counts, first_intrinsics, first_rigs, target, factor, U, b, V, b_v, W, tmp, Ju, Jv,
+    column_counts, first_intrinsics, first_rigs, target, factor, U, b, V, b_v, W, tmp, J,
 ):  # fmt: skip
     """Fill U, b, V, b_v, W at a state; return F, infinite if a point is behind its camera."""
     clear(U, b, V, b_v, W)
@@ -325,15 +323,21 @@ def normal_equations_kernel(
                 R[i, j] = total
         columns = column_lists[c, : column_counts[c]]
         n = 7 + len(columns)
+        AtA = np.empty((n, n))
         for i in range(n):
             for j in range(n):
                 A[i, j] = 0.0
         for first in range(offsets[block], offsets[block + 1], CHUNK):
             m = min(CHUNK, offsets[block + 1] - first)
-            if not chunk_jacobian(X, y, first, m, R, t, theta[c], columns, tmp, Ju, Jv):
+            if not chunk_jacobian(X, y, first, m, R, t, theta[c], columns, tmp, J):
                 return np.inf
-            cost += weigh_chunk(first, m, n, whitening, loss, scale, Ju, Jv)
-            add_products(n, m, Ju, Jv, A)
+            cost += weigh_chunk(first, m, n, whitening, loss, scale, J)
+            fill_up(n, m, J)
+            rows = J.reshape(MAX_COLUMNS, STRIDE)[:n]
+            np.dot(rows, rows.T, AtA)
+            for i in range(n):
+                for j in range(n):
+                    A[i, j] += AtA[i, j]
         scatter_block(A, n, c, v, R_rig[c], Rt, columns, target, factor, first_intrinsics[c], first_rigs[c],
                       AM, U, b, V, b_v, W)  # fmt: skip
     return cost if np.isfinite(cost) else np.inf
@@ -491,7 +495,8 @@ def gradient_norm_kernel(U, b, V, b_v, cost):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def step_kernel(U, b, V, b_v, W, mu, D2, D2_v, S, L, Z, dz, dv, target, factor, first_intrinsics, first_rigs,
-                theta, R_rig, t_rig, R_views, t_views, theta_new, R_rig_new, t_rig_new, R_views_new, t_views_new):  # fmt: skip
+                theta, R_rig, t_rig, R_views, t_views,
+                theta_new, R_rig_new, t_rig_new, R_views_new, t_views_new):  # fmt: skip
     """Renew the scaling D², solve for the damped step and write the state after it.
 
     Returns the promised decrease and the longest move, max |D δ|; (−1, 0) if the equations cannot be solved.

@@ -89,6 +89,9 @@ class BundleEngine(Protocol):
     def accept(self) -> None:
         """Move to where the last proposal led."""
 
+    def gradient_norm(self) -> float:
+        """Return the largest |b_i| / √(A_ii F)."""
+
     def state(self) -> BundleState:
         """Return the state."""
 
@@ -128,7 +131,7 @@ def solve_bundle(
     floor = len(bundle.points) * _PERFECT_FIT**2
     while np.isfinite(engine.equations.cost):
         cost = engine.equations.cost
-        gradient = gradient_norm(engine.equations)
+        gradient = engine.gradient_norm()
         if cost <= floor or gradient <= _GRADIENT_TOLERANCE:
             reason = "cost" if cost <= floor else "gradient"
         if reason or iterations >= max_iterations or mu > _HOPELESS_DAMPING:
@@ -153,8 +156,7 @@ def solve_bundle(
         else:
             mu, nu = mu * nu, nu * 2
     stopped = reason or ("iterations" if iterations >= max_iterations else "stalled")
-    equations = engine.equations
-    return BundleSolution(engine.state(), equations, iterations, bool(reason), stopped, gradient_norm(equations))
+    return BundleSolution(engine.state(), engine.equations, iterations, bool(reason), stopped, engine.gradient_norm())
 
 
 def has_kernel(bundle: Bundle) -> bool:
@@ -165,19 +167,6 @@ def has_kernel(bundle: Bundle) -> bool:
         and bundle.prior_weights is None
         and bool((np.count_nonzero(bundle.G, axis=1) <= 1).all())
     )
-
-
-def gradient_norm(equations: NormalEquations) -> float:
-    """Return the largest |b_i| / √(A_ii F), the cosine of residuals and a column of the Jacobian."""
-    if not np.isfinite(equations.cost) or equations.cost <= 0:
-        return 0.0 if equations.cost == 0 else float(np.inf)
-    D2_shared, D2_views = _diagonals(equations)
-    largest = 0.0
-    if equations.b_shared.size:
-        largest = float((np.abs(equations.b_shared) / np.sqrt(D2_shared)).max())
-    if equations.b_views.size:
-        largest = max(largest, float((np.abs(equations.b_views) / np.sqrt(D2_views)).max()))
-    return largest / float(np.sqrt(equations.cost))
 
 
 def schur_complement(equations: NormalEquations) -> tuple[Float, Float]:
@@ -198,11 +187,15 @@ def schur_complement(equations: NormalEquations) -> tuple[Float, Float]:
     numpy.linalg.LinAlgError
         If a V is singular: a view that does not determine its pose.
     """
-    free = len(equations.U)
-    Wt = equations.W.transpose(0, 2, 1)
-    V_inv_Wt = np.linalg.solve(equations.V, Wt)
-    S = equations.U - Wt.reshape(-1, free).T @ V_inv_Wt.reshape(-1, free)
-    return np.asarray(0.5 * (S + S.T)), np.asarray(V_inv_Wt)
+    if equations.schur is None:
+        free = len(equations.U)
+        Wt = equations.W.transpose(0, 2, 1)
+        V_inv_Wt = np.linalg.solve(equations.V, Wt)
+        S = equations.U - Wt.reshape(-1, free).T @ V_inv_Wt.reshape(-1, free)
+        schur = (np.asarray(0.5 * (S + S.T)), np.asarray(V_inv_Wt))
+        equations.schur = schur
+        return schur
+    return equations.schur
 
 
 class NumpyEngine:
@@ -234,13 +227,25 @@ class NumpyEngine:
         new = _diagonals(self.equations)
         self._D2 = (np.maximum(self._D2[0], new[0]), np.maximum(self._D2[1], new[1]))
 
+    def gradient_norm(self) -> float:
+        """Return the largest |b_i| / √(A_ii F), the cosine of residuals and a column of the Jacobian."""
+        equations = self.equations
+        if equations.cost <= 0:
+            return 0.0
+        D2_shared, D2_views = _diagonals(equations)
+        slopes = [
+            np.abs(equations.b_shared) / np.sqrt(D2_shared),
+            (np.abs(equations.b_views) / np.sqrt(D2_views)).ravel(),
+        ]
+        return float(np.max(np.concatenate(slopes), initial=0.0) / np.sqrt(equations.cost))
+
     def state(self) -> BundleState:
         """Return the state."""
         return self._state
 
 
 class CompiledEngine:
-    """The same, by the kernels of ``bundle_kernels``; two sets of arrays, here and there, change places when a step is taken."""
+    """The same, by the kernels of ``bundle_kernels``; arrays here and there change places when a step is taken."""
 
     def __init__(self, bundle: Bundle, state: BundleState) -> None:
         from stereocal.camera import bundle_kernels as kernels
@@ -258,19 +263,21 @@ class CompiledEngine:
         theta = np.zeros((cameras, _SLOTS))
         for row, values, slot in zip(theta, state.intrinsics, self._slots, strict=True):
             row[slot] = values
-        self._here = (theta, np.array(state.R_rig, order="C"), np.array(state.t_rig, order="C"),
+        self._here: tuple[Float, ...] = (theta, np.array(state.R_rig, order="C"), np.array(state.t_rig, order="C"),
                       np.array(state.R_views, order="C"), np.array(state.t_views, order="C"))  # fmt: skip
         self._there = tuple(np.empty_like(part) for part in self._here)
         shapes = ((free, free), (free,), (views, 6, 6), (views, 6), (views, free, 6))
         self._blocks_here = tuple(np.empty(shape) for shape in shapes)
         self._blocks_there = tuple(np.empty(shape) for shape in shapes)
         self._scaling = (np.zeros(free), np.zeros((views, 6)))
-        self._work = (np.empty((free + 1, free)), np.empty((views, 6, 6)), np.empty((views, 6, free + 1)), np.empty(free),
-                      np.empty((views, 6)))  # fmt: skip
-        size = kernels.MAX_COLUMNS * kernels.CHUNK
-        self._scratch = (np.empty(kernels.SCRATCH_ROWS * kernels.CHUNK), np.empty(size), np.empty(size))
+        work = ((free + 1, free), (views, 6, 6), (views, 6, free + 1), (free,), (views, 6))
+        self._work = tuple(np.empty(shape) for shape in work)
+        self._scratch = (
+            np.empty(kernels.SCRATCH_ROWS * kernels.CHUNK),
+            np.zeros(kernels.MAX_COLUMNS * kernels.STRIDE),
+        )
         self._shape = state.shape
-        self.equations = NormalEquations(self._evaluate(self._here, self._blocks_here), *self._blocks_here)
+        self.equations = _equations(self._evaluate(self._here, self._blocks_here), self._blocks_here)
         self._cost_there = np.inf
 
     def _evaluate(self, at: tuple[Float, ...], into: tuple[Float, ...]) -> float:
@@ -305,16 +312,27 @@ class CompiledEngine:
         """Move on."""
         self._here, self._there = self._there, self._here
         self._blocks_here, self._blocks_there = self._blocks_there, self._blocks_here
-        self.equations = NormalEquations(self._cost_there, *self._blocks_here)
+        self.equations = _equations(self._cost_there, self._blocks_here)
+
+    def gradient_norm(self) -> float:
+        """Return the largest |b_i| / √(A_ii F)."""
+        U, b, V, b_v, _ = self._blocks_here
+        return float(self._kernels.gradient_norm_kernel(U, b, V, b_v, self.equations.cost))
 
     def state(self) -> BundleState:
         """Return the state."""
-        theta, *rest = self._here
-        return BundleState([row[slot] for row, slot in zip(theta, self._slots, strict=True)], *rest, self._shape)
+        theta, R_rig, t_rig, R_views, t_views = self._here
+        intrinsics = [row[slot] for row, slot in zip(theta, self._slots, strict=True)]
+        return BundleState(intrinsics, R_rig, t_rig, R_views, t_views, self._shape)
+
+
+def _equations(cost: float, blocks: tuple[Float, ...]) -> NormalEquations:
+    U, b, V, b_v, W = blocks
+    return NormalEquations(cost, U, b, V, b_v, W)
 
 
 def _kernel_map(G: Float, slots: list[np.ndarray]) -> tuple[np.ndarray, ...]:
-    """G for the kernels: columns in use a camera and their number, first rows of θ_c and rig, target and factor of each row."""
+    """G for the kernels: columns in use and their number, first rows of θ_c and of the rig, target and factor."""
     cameras = len(slots)
     count = _SLOTS * cameras + 6 * (cameras - 1)
     target, factor = np.full(count, -1), np.zeros(count)

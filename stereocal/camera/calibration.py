@@ -23,30 +23,28 @@ Source: Zhang (2000), section 3.2 and 3.3; the paper prints the case of k1, k2.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from stereocal.base.checks import Float, as_image_size, require_choice, require_positive
-from stereocal.base.errors import ConvergenceError, DegenerateGeometryError, InputError
-from stereocal.base.rotations import rotation_vector
+from stereocal.base.errors import DegenerateGeometryError, InputError
+from stereocal.base.rotations import rotation_vectors
 from stereocal.camera.bundle import Bundle, BundleState, residuals
 from stereocal.camera.bundle_problem import camera_of, intrinsics_of, make_bundle, whitening_of
 from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
 from stereocal.camera.covariance import BundleCovariance, bundle_covariance
 from stereocal.camera.distortion import distortion_model
 from stereocal.camera.distortion_base import DistortionModel
-from stereocal.camera.distortion_polynomial import Polynomial
-from stereocal.camera.initialisation import Start, candidate_starts, convert_lens, homographies_of_views
+from stereocal.camera.initialisation import solve_from_starts
 from stereocal.camera.losses import LOSSES
 from stereocal.camera.model import Camera
 from stereocal.camera.parameters import fixed_names, free_columns, intrinsic_names
 from stereocal.camera.pose import initial_poses
-from stereocal.camera.views import as_views, require_not_collinear
+from stereocal.camera.views import as_views
 
-# Models that OpenCV has, whose lens may start from zero; the others start from a fit with k1, k2.
-_DIRECT_START = ("pinhole", "polynomial", "brown", "rational", "thin_prism", "tilted")
 # Relative standard deviation of the focal length beyond which the views do not determine it.
 _UNDETERMINED = 0.5
 
@@ -129,6 +127,7 @@ def calibrate_camera(
     priors: Mapping[str, tuple[float, float]] | None = None,
     board_warp: bool | str = False,
     max_iterations: int = 200,
+    backend: str = "numba",
 ) -> CameraCalibration:
     """Find camera, lens and poses that minimise Σᵢ Σⱼ ‖y_ij − p̃(K, k, Rᵢ, Tᵢ, P_j)‖².
 
@@ -163,6 +162,8 @@ def calibrate_camera(
         Whether the board's shape is unknown too, see ``board_shape``.
     max_iterations : int
         Limit on steps.
+    backend : {"numba", "numpy"}
+        The compiled twin (for OpenCV's models), or the equations in NumPy.
 
     Returns
     -------
@@ -190,103 +191,44 @@ def calibrate_camera(
         require_positive(aspect_ratio, "aspect_ratio")
     held = fixed_names(lens, fix, skew=skew)
     names = intrinsic_names(lens)
-    _require_views(objects, images, held, size)
-    G = free_columns(names, held, aspect_ratio)
-    bundle = make_bundle([lens], [objects], [images], G)
+    _require_views(images, held)
+    if "fx" in held and initial is None:
+        raise InputError("fix names the focal length, but no value is given: pass initial=Camera(...)")
+    bundle = make_bundle([lens], [objects], [images], free_columns(names, held, aspect_ratio))
     bundle.loss, bundle.loss_scale = loss, require_positive(loss_scale, "loss_scale")
     bundle.whitening = whitening_of([covariances], [images])
 
-    if "fx" in held and initial is None:
-        raise InputError("fix names the focal length, but no value is given: pass initial=Camera(...)")
-    solution = _best_solution(bundle, objects, images, size, lens, held, aspect_ratio, initial, max_iterations)
+    if initial is None:
+        solution = solve_from_starts(
+            bundle, lens, held, size, aspect_ratio=aspect_ratio, max_iterations=max_iterations, backend=backend
+        )
+    else:
+        state = _given_state(objects, images, initial, lens)
+        solution = solve_bundle(bundle, state, max_iterations=max_iterations, backend=backend)
     return _result(bundle, solution, size, lens, names)
 
 
-def _require_views(objects: list[Float], images: list[Float], held: set[str], size: tuple[int, int]) -> None:
+def _require_views(images: list[Float], held: set[str]) -> None:
     if not images:
         raise InputError("image_points is empty; at least three views are needed")
     missed = [i for i, y in enumerate(images) if len(y) == 0]
     if missed:
         raise InputError(f"image_points has no corners in view {', '.join(map(str, missed))}; leave these views out")
-    known = {"cx", "cy"} <= held
-    needed = 1 if {"fx", "fy"} <= held or known else 2 if "skew" in held else 3
-    needed = max(needed, 1 if known else 3)
+    needed = 1 if {"cx", "cy"} <= held else 3
     if len(images) < needed:
         raise DegenerateGeometryError(
-            f"{len(images)} views are too few: {needed} are needed; photograph the board tilted by 30 to 45 degrees, "
-            "to a different side each time"
+            f"{len(images)} views are too few: {needed} are needed, or fix='principal_point'; photograph the board "
+            "tilted by 30 to 45 degrees, to a different side each time"
         )
-    require_not_collinear(objects, images, "image_points")
 
 
-def _initial_state(start: Start, lens: DistortionModel, k: Float) -> BundleState:
-    theta = np.concatenate([[start.K[0, 0], start.K[1, 1], start.K[0, 2], start.K[1, 2], start.K[0, 1]], k])
-    return BundleState([theta], np.eye(3)[None], np.zeros((1, 3)), start.R, start.t)
-
-
-def _best_solution(
-    bundle: Bundle, objects: list[Float], images: list[Float], size: tuple[int, int], lens: DistortionModel,
-    held: set[str], aspect_ratio: float | None, initial: Camera | None, max_iterations: int,
-) -> BundleSolution:  # fmt: skip
-    """Solve from one start after another until an optimum looks like a camera; return the lowest."""
-    if initial is not None:
-        R, t = initial_poses(objects, images, initial)
-        theta = np.zeros(5 + lens.parameter_count)
-        given = intrinsics_of(initial) if initial.model == lens.name else intrinsics_of(initial)[:5]
-        theta[5:] = lens.start()
-        theta[: len(given)] = given
-        return solve_bundle(bundle, BundleState([theta], np.eye(3)[None], np.zeros((1, 3)), R, t),
-                            max_iterations=max_iterations)  # fmt: skip
-    flat = [np.column_stack([X[:, :2], np.zeros(len(X))]) for X in objects]
-    H = homographies_of_views(flat, images)
-    starts = candidate_starts(H, flat, images, size, aspect_ratio=aspect_ratio)
-    best: BundleSolution | None = None
-    for start in starts:
-        if {"cx", "cy"} <= held:
-            start.K[0, 2], start.K[1, 2] = (size[0] - 1) / 2, (size[1] - 1) / 2
-        state = _staged_start(bundle, start, lens, held)
-        solution = solve_bundle(bundle, state, max_iterations=max_iterations)
-        if best is None or solution.cost < best.cost:
-            best = solution
-        if solution.converged and _looks_like_a_camera(solution, size):
-            break
-    if best is None or not np.isfinite(best.cost):
-        raise ConvergenceError(
-            "no start leads to a camera: check that corners and board points are in the same order, "
-            "and the number of inner corners"
-        )
-    return best
-
-
-def _staged_start(bundle: Bundle, start: Start, lens: DistortionModel, held: set[str]) -> BundleState:
-    if lens.name in _DIRECT_START or set(lens.parameter_names) <= held:
-        return _initial_state(start, lens, lens.neutral())
-    simple = Polynomial()
-    G = free_columns(intrinsic_names(simple), {"skew"} | (held & {"cx", "cy", "fx", "fy"}), None)
-    first = solve_bundle(
-        replace(bundle, models=[simple], G=G, prior_weights=None), _initial_state(start, simple, np.zeros(2))
-    )
-    theta, state = first.state.intrinsics[0], first.state
-    view = _views_of_rows(bundle)
-    X_c = np.einsum("nij,nj->ni", state.R_views[view], bundle.points) + state.t_views[view]
-    k, scale = convert_lens(lens, theta[5:], X_c[:, :2] / X_c[:, 2:])
-    K = np.array([[theta[0] * scale, 0, theta[2]], [0, theta[1] * scale, theta[3]], [0, 0, 1.0]])
-    return _initial_state(Start(K, state.R_views, state.t_views, 0.0), lens, k)
-
-
-def _views_of_rows(bundle: Bundle) -> np.ndarray:
-    return np.repeat(bundle.view_of_block, np.diff(bundle.offsets))
-
-
-def _looks_like_a_camera(solution: BundleSolution, size: tuple[int, int]) -> bool:
-    fx, fy, cx, cy = solution.state.intrinsics[0][:4]
-    width, height = size
-    return bool(
-        0.05 * width < fx < 30 * width
-        and 0.3 < fx / fy < 3.3
-        and -0.5 * width < cx < 1.5 * width
-        and -0.5 * height < cy < 1.5 * height
-    )
+def _given_state(objects: list[Float], images: list[Float], initial: Camera, lens: DistortionModel) -> BundleState:
+    """The start from a camera that the user gave; its lens counts where it is of the same model."""
+    R, t = initial_poses(objects, images, initial)
+    theta = np.concatenate([intrinsics_of(initial)[:5], lens.start()])
+    if initial.model == lens.name:
+        theta = intrinsics_of(initial)
+    return BundleState([theta], np.eye(3)[None], np.zeros((1, 3)), R, t)
 
 
 def _result(
@@ -296,22 +238,21 @@ def _result(
     camera = camera_of(state.intrinsics[0], size, lens)
     joint = bundle_covariance(bundle, state, solution.equations)
     std = np.sqrt(np.diag(joint.shared)[: len(names)])
-    free_focal = bool(np.any(bundle.G[:2]))
-    if free_focal and not std[1] < _UNDETERMINED * camera.fy:
+    if np.any(bundle.G[:2]) and joint.degrees_of_freedom > 0 and not std[1] < _UNDETERMINED * camera.fy:
         raise DegenerateGeometryError(
-            "the views do not determine the focal length: the boards stand nearly parallel to each other; photograph "
-            "the board tilted by 30 to 45 degrees, to a different side each time"
+            f"the {len(state.R_views)} views do not determine the focal length: {_tilts(state)}; photograph the board "
+            "tilted by 30 to 45 degrees, to a different side each time"
         )
     d = -residuals(bundle, state)
     squares = np.sum(d * d, axis=1)
     counts = np.diff(bundle.offsets)
     return CameraCalibration(
         camera=camera,
-        rvecs=np.stack([rotation_vector(R) for R in state.R_views]),
+        rvecs=rotation_vectors(state.R_views),
         tvecs=state.t_views.copy(),
         rms=float(np.sqrt(squares.mean())),
         view_rms=np.sqrt(np.add.reduceat(squares, bundle.offsets[:-1]) / counts),
-        residuals=[d[a:b] for a, b in zip(bundle.offsets[:-1], bundle.offsets[1:], strict=True)],
+        residuals=[d[a:b] for a, b in pairwise(bundle.offsets)],
         parameter_names=names,
         covariance=joint.shared[: len(names), : len(names)],
         std=std,
@@ -321,3 +262,10 @@ def _result(
         reason=solution.reason,
         joint=joint,
     )
+
+
+def _tilts(state: BundleState) -> str:
+    """In words: by how much the boards are tilted against each other."""
+    normals = state.R_views[:, :, 2]
+    widest = np.degrees(np.arccos(np.clip(np.min(normals @ normals.T), -1, 1)))
+    return f"their boards are tilted by no more than {widest:.1f} degrees against each other"

@@ -27,8 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stereocal.base.checks import Float
-from stereocal.base.homogeneous import cross_matrix
-from stereocal.base.rotations import rotation_vector
+from stereocal.base.rotations import left_jacobian_inverse, rotation_vectors
 from stereocal.camera.bundle import Bundle, BundleState, NormalEquations
 from stereocal.camera.bundle_solver import schur_complement
 
@@ -87,45 +86,23 @@ def bundle_covariance(bundle: Bundle, state: BundleState, equations: NormalEquat
     except (np.linalg.LinAlgError, FloatingPointError):
         determined = False
     if not determined:
-        views = bundle.view_count
-        return BundleCovariance(np.inf, freedom, np.full((n, n), np.inf), np.full((views, n, 6), np.inf),
-                                np.full((views, 6, 6), np.inf))  # fmt: skip
+        shapes = ((n, n), (bundle.view_count, n, 6), (bundle.view_count, 6, 6))
+        return BundleCovariance(np.inf, freedom, *(np.full(shape, np.inf) for shape in shapes))
     variance = equations.cost / freedom
     shared = bundle.G @ S_inv @ bundle.G.T
-    cross = -np.einsum("fg,vig->vfi", bundle.G @ S_inv, V_inv_Wt)
-    views = np.linalg.inv(equations.V) + np.einsum("vif,fg,vjg->vij", V_inv_Wt, S_inv, V_inv_Wt)
+    Y = V_inv_Wt.reshape(-1, free)
+    cross = -(Y @ (S_inv @ bundle.G.T)).reshape(-1, 6, n).transpose(0, 2, 1)
+    views = np.linalg.inv(equations.V) + (Y @ S_inv).reshape(-1, 6, free) @ V_inv_Wt.transpose(0, 2, 1)
 
-    to_rvec = np.tile(np.eye(6), (bundle.view_count, 1, 1))
-    for view, R in enumerate(state.R_views):
-        to_rvec[view, :3, :3] = left_jacobian_inverse(rotation_vector(R))
-    rig = np.eye(n)
-    for camera, part in enumerate(bundle.rig_slices):
-        if camera:
-            turn = slice(part.start, part.start + 3)
-            rig[turn, turn] = left_jacobian_inverse(rotation_vector(state.R_rig[camera]))
-    return BundleCovariance(
-        variance,
-        freedom,
-        variance * rig @ shared @ rig.T,
-        variance * rig @ cross @ to_rvec.transpose(0, 2, 1),
-        variance * to_rvec @ views @ to_rvec.transpose(0, 2, 1),
-    )
-
-
-def left_jacobian_inverse(rvec: Float) -> Float:
-    """Return J_l(r)⁻¹ = I − ½[r]ₓ + (1/θ² − cot(θ/2)/(2θ)) [r]ₓ², which takes a turn on the left to the change of r.
-
-    Parameters
-    ----------
-    rvec : ndarray of shape (3,)
-        Rotation vector, θ < 2π.
-
-    Returns
-    -------
-    ndarray of shape (3, 3)
-    """
-    theta = float(np.linalg.norm(rvec))
-    rx = cross_matrix(rvec)
-    if theta < 1e-3:
-        return np.eye(3) - 0.5 * rx + (1 / 12 + theta**2 / 720) * (rx @ rx)
-    return np.eye(3) - 0.5 * rx + (1 / theta**2 - 1 / (2 * theta * np.tan(theta / 2))) * (rx @ rx)
+    turn = left_jacobian_inverse(rotation_vectors(state.R_views))
+    cross[:, :, :3] = cross[:, :, :3] @ turn.transpose(0, 2, 1)
+    views[:, :3, :] = turn @ views[:, :3, :]
+    views[:, :, :3] = views[:, :, :3] @ turn.transpose(0, 2, 1)
+    if len(bundle.models) > 1:
+        rig = np.eye(n)
+        for part, J in zip(
+            bundle.rig_slices[1:], left_jacobian_inverse(rotation_vectors(state.R_rig[1:])), strict=True
+        ):
+            rig[part.start : part.start + 3, part.start : part.start + 3] = J
+        shared, cross = rig @ shared @ rig.T, rig @ cross
+    return BundleCovariance(variance, freedom, variance * shared, variance * cross, variance * views)

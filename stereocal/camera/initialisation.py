@@ -1,16 +1,23 @@
 """Where the iteration starts: candidates for the camera matrix, the poses that go with them, and the first lens.
 
 Each candidate K is judged by what it is for: the poses [r1 r2 t] = λK⁻¹H are taken from the homographies, the corners
-are projected by an ideal lens, and the candidate with the least distance to the measured corners wins. Candidates
-are, in turn,
+are projected by an ideal lens, and the candidate with the least distance to the measured corners goes first.
+Candidates are
 
 1. Zhang's closed form without skew;
 2. Zhang's closed form with the principal point at the middle of the image, fx and fy free;
-3. a focal-length search: fx = fy = 0.25 … 8 image widths, in steps of 2^¼, principal point in the middle.
+3. a focal-length search: fx = fy = 0.25 … 8 image widths, in steps of 2^¼, principal point in the middle: all local
+minima;
+4. the last of these, its lens k1, k2 fitted with the principal point held, before everything is let go.
 
 The first is right for good views of a mild lens. Noise, small tilts and strong distortion throw it off (B is not
 positive definite, or the principal point lands outside of the image) and the others stand in: a fixed focal length
 cannot fail, and the search only has to come within the basin of Levenberg–Marquardt.
+
+One basin is not always enough. A long lens seen at moderate tilts leaves the principal point open, which p1 and p2
+can trade for a turn of every board, and F then has several minima. So the optimum reached is looked at: if it took
+many steps, if the principal point is uncertain by more than 1 % of the image, or if it is no plausible camera, the
+other starts are tried too and the lowest F wins.
 
 The lens starts from none, or, for models whose parameters do not begin at zero or that undo badly, in stages: a fit
 with k1, k2, and then the model's own k (and a scale of the focal length) fitted to that lens's curve at the corners
@@ -19,17 +26,27 @@ seen.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from stereocal.base.checks import Float
-from stereocal.base.errors import DegenerateGeometryError
+from stereocal.base.errors import ConvergenceError, DegenerateGeometryError
 from stereocal.base.least_squares import minimize_least_squares
+from stereocal.camera.bundle import Bundle, BundleState
+from stereocal.camera.bundle_solver import BundleSolution, schur_complement, solve_bundle
 from stereocal.camera.distortion_base import DistortionModel
 from stereocal.camera.distortion_polynomial import Polynomial
 from stereocal.camera.homography import fit_homography
+from stereocal.camera.parameters import free_columns, intrinsic_names
 from stereocal.camera.zhang import poses_of_homographies, zhang_intrinsics
+
+# Models that OpenCV has, whose lens may start from zero; the others start from a fit with k1, k2.
+_DIRECT_START = ("pinhole", "polynomial", "brown", "rational", "thin_prism", "tilted")
+# An optimum found in more steps than this, or with a principal point less sure than this part of the width, is doubted.
+_MANY_STEPS = 20
+_UNSURE = 0.01
 
 
 @dataclass
@@ -42,115 +59,196 @@ class Start:
     error: float
 
 
-def homographies_of_views(objects: list[Float], images: list[Float]) -> Float:
-    """Return H of every view, (V, 3, 3)."""
-    return np.stack([fit_homography(X[:, :2], y, refine=False) for X, y in zip(objects, images, strict=True)])
-
-
-def start_from(K: Float, H: Float, objects: list[Float], images: list[Float]) -> Start:
-    """Return the start with a given K: poses from the homographies, and their error."""
-    R, t = poses_of_homographies(K, H)
-    total, count = 0.0, 0
-    for X, y, R_v, t_v in zip(objects, images, R, t, strict=True):
-        h = (X @ R_v.T + t_v) @ K.T
-        if np.any(h[:, 2] <= 0):
-            return Start(K, R, t, np.inf)
-        total += float(np.sum((h[:, :2] / h[:, 2:] - y) ** 2))
-        count += len(X)
-    return Start(K, R, t, float(np.sqrt(total / count)))
-
-
-def candidate_starts(
-    H: Float,
-    objects: list[Float],
-    images: list[Float],
-    image_size: tuple[int, int],
-    *,
-    aspect_ratio: float | None = None,
-) -> list[Start]:
-    """Return starts, the most promising first; the focal-length search always yields one.
+def homographies_of_views(bundle: Bundle, *, backend: str = "numba") -> Float:
+    """Return H of every block of a one-camera bundle, (V, 3, 3), of the board's x and y.
 
     Parameters
     ----------
-    H : ndarray of shape (V, 3, 3)
-        Homographies of the views.
-    objects, images : list of ndarray
-        Board points and corners.
-    image_size : (int, int)
-        Width and height.
-    aspect_ratio : float, optional
-        fx / fy where it is known.
+    bundle : Bundle
+        Of one camera.
+    backend : {"numba", "numpy"}
+        All at once, or one by one with :func:`~stereocal.camera.homography.fit_homography`.
 
     Returns
     -------
-    list of Start
+    ndarray of shape (V, 3, 3)
+
+    Raises
+    ------
+    DegenerateGeometryError
+        Names the views whose points lie on one line.
     """
+    count = len(bundle.offsets) - 1
+    H, bad = np.zeros((count, 3, 3)), np.zeros(count, dtype=np.bool_)
+    if backend == "numba":
+        from stereocal.camera.homography_kernels import homographies_kernel
+
+        X, y = np.ascontiguousarray(bundle.points.T), np.ascontiguousarray(bundle.measured.T)
+        homographies_kernel(X, y, bundle.offsets, H, bad)
+    else:
+        for i in range(count):
+            rows = slice(bundle.offsets[i], bundle.offsets[i + 1])
+            try:
+                H[i] = fit_homography(bundle.points[rows, :2], bundle.measured[rows])
+            except DegenerateGeometryError:
+                bad[i] = True
+    if bad.any():
+        raise DegenerateGeometryError(
+            f"the points of view {', '.join(map(str, bundle.view_of_block[bad]))} lie on one line, in the board or in "
+            "the image, which fixes no pose; leave these views out, or photograph the board less edge-on"
+        )
+    return H
+
+
+def start_from(K: Float, H: Float, bundle: Bundle) -> Start:
+    """Return the start with a given K: poses from the homographies, and their error (infinite behind the camera)."""
+    R, t = poses_of_homographies(K, H)
+    block = np.repeat(np.arange(len(H)), np.diff(bundle.offsets))
+    P = np.matmul(K, np.concatenate([R[:, :, :2], t[:, :, None]], axis=2))[block]
+    X, Y = bundle.points[:, :1], bundle.points[:, 1:2]
+    h = P[:, :, 0] * X + P[:, :, 1] * Y + P[:, :, 2]
+    if h[:, 2].min() <= 0:
+        return Start(K, R, t, np.inf)
+    d = h[:, :2] / h[:, 2:] - bundle.measured
+    return Start(K, R, t, float(np.sqrt(np.vdot(d, d) / len(d))))
+
+
+def closed_form_starts(
+    H: Float, bundle: Bundle, image_size: tuple[int, int], aspect_ratio: float | None
+) -> Iterator[Start]:
+    """Yield the starts that Zhang's closed forms give, where they have a plausible answer."""
     width, height = image_size
-    middle = np.array([(width - 1) / 2, (height - 1) / 2])
-    starts = []
-    for options in ({"skew": False}, {"principal_point": middle}):
+    for options in ({"skew": False}, {"principal_point": np.array([(width - 1) / 2, (height - 1) / 2])}):
         try:
             K = zhang_intrinsics(H, **options)
         except DegenerateGeometryError:
             continue  # this closed form has no answer here; the next candidate stands in
-        if _plausible(K, width, height):
+        if plausible(K[0, 0], K[1, 1], K[0, 2], K[1, 2], image_size):
             if aspect_ratio is not None:
                 K[0, 0] = aspect_ratio * K[1, 1]
-            starts.append(start_from(K, H, objects, images))
-    starts = [start for start in starts if np.isfinite(start.error)]
-    starts.sort(key=lambda start: start.error)
-    return starts + focal_search(H, objects, images, image_size, aspect_ratio=aspect_ratio)
+            start = start_from(K, H, bundle)
+            if np.isfinite(start.error):
+                yield start
 
 
-def focal_search(
-    H: Float,
-    objects: list[Float],
-    images: list[Float],
-    image_size: tuple[int, int],
-    *,
-    aspect_ratio: float | None = None,
-) -> list[Start]:
+def focal_search(H: Float, bundle: Bundle, image_size: tuple[int, int], aspect_ratio: float | None) -> list[Start]:
     """Return the starts with fx = 0.25 … 8 widths that are local minima of the error, best first."""
     width, height = image_size
     a = aspect_ratio or 1.0
     starts = []
     for f in width * 2.0 ** np.arange(-2, 3.01, 0.25):
         K = np.array([[f, 0, (width - 1) / 2], [0, f / a, (height - 1) / 2], [0, 0, 1.0]])
-        starts.append(start_from(K, H, objects, images))
+        starts.append(start_from(K, H, bundle))
     errors = np.array([np.inf, *(start.error for start in starts), np.inf])
     least = [i for i in range(len(starts)) if errors[i + 1] <= min(errors[i], errors[i + 2]) and errors[i + 1] < np.inf]
     return sorted((starts[i] for i in least), key=lambda start: start.error)
 
 
-def _plausible(K: Float, width: int, height: int) -> bool:
-    return bool(
-        0.1 * width < K[0, 0] < 20 * width
-        and 0.4 < K[0, 0] / K[1, 1] < 2.5
-        and -0.25 * width < K[0, 2] < 1.25 * width
-        and -0.25 * height < K[1, 2] < 1.25 * height
-    )
-
-
-def convert_lens(target: DistortionModel, k12: Float, x: Float) -> tuple[Float, float]:
-    """Return the k of `target`, and a scale a of the focal length, with a·x_d(x; k) = the curve of k1, k2 at points x.
+def solve_from_starts(
+    bundle: Bundle, lens: DistortionModel, held: set[str], image_size: tuple[int, int], *,
+    aspect_ratio: float | None, max_iterations: int, backend: str,
+) -> BundleSolution:  # fmt: skip
+    """Solve from one start after another until an optimum is beyond doubt; return the lowest.
 
     Parameters
     ----------
-    target : DistortionModel
-        The model to start.
-    k12 : ndarray of shape (2,)
-        Coefficients of the polynomial model.
-    x : ndarray of shape (N, 2)
-        Ideal points that were seen.
+    bundle : Bundle
+        Of one camera.
+    lens : DistortionModel
+        Its model.
+    held : set of str
+        Names of parameters that are held.
+    image_size : (int, int)
+        Width and height.
+    aspect_ratio : float, optional
+        fx / fy where it is known.
+    max_iterations : int
+        Limit on steps of each attempt.
+    backend : {"numba", "numpy"}
+        See ``bundle_solver``.
 
     Returns
     -------
-    k : ndarray
-    scale : float
+    BundleSolution
+
+    Raises
+    ------
+    ConvergenceError
+        If no start leads anywhere.
     """
-    wanted = Polynomial().distort(x, k12)
-    free = np.array([name not in target.fixed_by_default for name in target.parameter_names])
+    H = homographies_of_views(bundle, backend=backend)
+    best: BundleSolution | None = None
+    for state in _starting_states(H, bundle, lens, held, image_size, aspect_ratio, backend):
+        solution = solve_bundle(bundle, state, max_iterations=max_iterations, backend=backend)
+        if best is None or solution.cost < best.cost:
+            best = solution
+        if _beyond_doubt(bundle, solution, image_size):
+            break
+    if best is None or not np.isfinite(best.cost):
+        raise ConvergenceError(
+            "no start leads to a camera: check that corners and board points are in the same order, and the number of "
+            "inner corners"
+        )
+    return best
+
+
+def _starting_states(
+    H: Float, bundle: Bundle, lens: DistortionModel, held: set[str], image_size: tuple[int, int],
+    aspect_ratio: float | None, backend: str,
+) -> Iterator[BundleState]:  # fmt: skip
+    direct = lens.name in _DIRECT_START or set(lens.parameter_names) <= held
+    middle = ((image_size[0] - 1) / 2, (image_size[1] - 1) / 2)
+
+    def begin(start: Start) -> BundleState:
+        if "cx" in held:
+            start.K[0, 2] = middle[0]
+        if "cy" in held:
+            start.K[1, 2] = middle[1]
+        return (
+            _state(start, lens.neutral()) if direct else _staged(bundle, start, lens, held, backend, hold_centre=False)
+        )
+
+    for start in closed_form_starts(H, bundle, image_size, aspect_ratio):
+        yield begin(start)
+    found = focal_search(H, bundle, image_size, aspect_ratio)
+    for start in found:
+        yield begin(start)
+    for start in found[:1]:
+        yield _staged(bundle, start, lens, held, backend, hold_centre=True)
+
+
+def _state(start: Start, k: Float) -> BundleState:
+    K = start.K
+    theta = np.concatenate([[K[0, 0], K[1, 1], K[0, 2], K[1, 2], K[0, 1]], k])
+    return BundleState([theta], np.eye(3)[None], np.zeros((1, 3)), start.R, start.t)
+
+
+def _staged(
+    bundle: Bundle, start: Start, lens: DistortionModel, held: set[str], backend: str, *, hold_centre: bool
+) -> BundleState:
+    """A fit with k1, k2 alone, and its curve taken over by the model."""
+    simple = Polynomial()
+    hold = {"skew"} | (held & {"cx", "cy", "fx", "fy"}) | ({"cx", "cy"} if hold_centre else set())
+    tied = replace(bundle, models=[simple], G=free_columns(intrinsic_names(simple), hold, None), prior_weights=None,
+                   shape_basis=None)  # fmt: skip
+    first = solve_bundle(tied, _state(start, np.zeros(2)), max_iterations=50, backend=backend)
+    if not np.isfinite(first.cost):
+        return _state(start, lens.start())
+    theta, state = first.state.intrinsics[0], first.state
+    view = np.repeat(bundle.view_of_block, np.diff(bundle.offsets))
+    X_c = np.einsum("nij,nj->ni", state.R_views[view], bundle.points) + state.t_views[view]
+    k, scale = _convert_lens(lens, theta[5:], X_c[:, :2] / X_c[:, 2:])
+    K = np.array([[theta[0] * scale, 0, theta[2]], [0, theta[1] * scale, theta[3]], [0, 0, 1.0]])
+    return _state(Start(K, state.R_views, state.t_views, 0.0), k)
+
+
+def _convert_lens(target: DistortionModel, k12: Float, x: Float) -> tuple[Float, float]:
+    """The k of `target`, and a scale a of the focal length, with a·x_d(x; k) = the curve of k1, k2 at the points x."""
+    free = np.array([name not in target.fixed_by_default for name in target.parameter_names], dtype=bool)
     k = target.start()
+    if not free.any():
+        return k, 1.0
+    wanted = Polynomial().distort(x, k12)
 
     def curve(p: Float) -> Float:
         trial = k.copy()
@@ -160,3 +258,32 @@ def convert_lens(target: DistortionModel, k12: Float, x: Float) -> tuple[Float, 
     fit = minimize_least_squares(curve, np.concatenate([[1.0], k[free]]), max_iterations=60)
     k[free] = fit.x[1:]
     return k, float(fit.x[0])
+
+
+def plausible(fx: float, fy: float, cx: float, cy: float, image_size: tuple[int, int], margin: float = 0.25) -> bool:
+    """Whether a camera could be like that: focal length 0.1 to 30 widths, pixels not oblong, centre not far outside."""
+    width, height = image_size
+    return bool(
+        0.1 * width < fx < 30 * width
+        and 0.4 < fx / fy < 2.5
+        and -margin * width < cx < (1 + margin) * width
+        and -margin * height < cy < (1 + margin) * height
+    )
+
+
+def _beyond_doubt(bundle: Bundle, solution: BundleSolution, image_size: tuple[int, int]) -> bool:
+    """Whether an optimum was found quickly, is a plausible camera, and has a centre that the data determine."""
+    fx, fy, cx, cy = solution.state.intrinsics[0][:4]
+    if not solution.converged or solution.iterations > _MANY_STEPS or not plausible(fx, fy, cx, cy, image_size):
+        return False
+    freedom = 2 * len(bundle.points) - bundle.G.shape[1] - 6 * bundle.view_count
+    if freedom <= 0 or not bundle.G.shape[1]:
+        return True
+    try:
+        S, _ = schur_complement(solution.equations)
+        scale = 1 / np.sqrt(np.diag(S))
+        variances = np.diag(np.linalg.inv(S * scale[:, None] * scale)) * scale**2
+    except np.linalg.LinAlgError:
+        return False  # nothing is determined: any other start may do better
+    centre = np.einsum("if,f,if->i", bundle.G[2:4], variances, bundle.G[2:4]) * solution.cost / freedom
+    return bool(np.sqrt(centre.max()) < _UNSURE * max(image_size))

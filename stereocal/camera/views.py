@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stereocal.base.checks import Float, as_points
-from stereocal.base.errors import DegenerateGeometryError, InputError
+from stereocal.base.errors import InputError
 
 MIN_POINTS = 4
 
@@ -43,6 +43,9 @@ def as_views(
     """
     name = names[0] if names else "image_points"
     views = list(image_points)
+    fast = _alike(object_points, views)
+    if fast is not None:
+        return fast
     boards = _boards(object_points, len(views))
     objects, images = [], []
     for i, (board, image) in enumerate(zip(boards, views, strict=True)):
@@ -61,6 +64,23 @@ def as_views(
     return objects, images
 
 
+def _alike(
+    object_points: ArrayLike | Sequence[ArrayLike], views: list[ArrayLike]
+) -> tuple[list[Float], list[Float]] | None:
+    """The usual case at once: one board, and corners of equal shape in every view; None if it is not that."""
+    if not isinstance(object_points, np.ndarray) or object_points.ndim != 2 or object_points.shape[1:] != (3,):
+        return None
+    if not views or any(not isinstance(y, np.ndarray) or y.shape != views[0].shape for y in views):  # type: ignore[union-attr]
+        return None
+    board = np.ascontiguousarray(object_points, dtype=np.float64)
+    stacked = np.array(views, dtype=np.float64)
+    if stacked.size != 2 * len(views) * len(board) or stacked.shape[-1] != 2 or len(board) < MIN_POINTS:
+        return None
+    if not (np.isfinite(stacked).all() and np.isfinite(board).all()):
+        return None
+    return [board] * len(views), list(stacked.reshape(len(views), -1, 2))
+
+
 def _boards(object_points: ArrayLike | Sequence[ArrayLike], count: int) -> list[Float]:
     """One (N, 3) board a view."""
     if isinstance(object_points, np.ndarray) and (object_points.ndim == 2 or 1 in object_points.shape[:2]):
@@ -76,24 +96,3 @@ def _boards(object_points: ArrayLike | Sequence[ArrayLike], count: int) -> list[
             "or one a view"
         )
     return [as_points(item, 3, f"object_points[{i}]", minimum=MIN_POINTS) for i, item in enumerate(items)]
-
-
-def require_not_collinear(objects: list[Float], images: list[Float], name: str) -> None:
-    """Refuse views whose points lie on one line, in the board or in the image.
-
-    Raises
-    ------
-    DegenerateGeometryError
-        Names the views.
-    """
-    bad = [i for i, (X, y) in enumerate(zip(objects, images, strict=True)) if len(y) and (_is_line(X) or _is_line(y))]
-    if bad:
-        raise DegenerateGeometryError(
-            f"the points of {name} in view {', '.join(map(str, bad))} lie on one line, which fixes no pose; leave "
-            "these views out, or photograph the board less edge-on"
-        )
-
-
-def _is_line(points: Float) -> bool:
-    extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(extent[1] <= 1e-9 * extent[0])

@@ -23,8 +23,8 @@ principal point, zero skew      3               1 (origin moved there: B12 = B13
 Boards that stand parallel give the same two equations again and again: their planes share one vanishing line. V then
 has two small singular values, not one. That is what degeneracy means here, whatever the number of views.
 
-Pose: λ = 1/‖K⁻¹h1‖ (mean of the first two columns'), r1 = λK⁻¹h1, r2 = λK⁻¹h2, r3 = r1 × r2, t = λK⁻¹h3, and [r1 r2
-r3], not quite orthogonal for noise, is replaced by the nearest rotation, U Vᵀ of its singular value decomposition.
+Pose: λ = 1/‖K⁻¹h1‖ (mean of the first two columns), r1 = λK⁻¹h1, r2 = λK⁻¹h2, t = λK⁻¹h3. For noise r1 and r2 are not
+quite at a right angle; both are turned by the same amount until they are, and r3 = r1 × r2.
 
 Source: Zhang, *A flexible new technique for camera calibration*, PAMI 22 (2000), section 3.1 and appendices B and C.
 """
@@ -128,14 +128,22 @@ def zhang_pose(K: ArrayLike, H: ArrayLike) -> tuple[Float, Float]:
 
 
 def poses_of_homographies(K: Float, H: Float) -> tuple[Float, Float]:
-    """Find all poses at once: H of shape (V, 3, 3) to R (V, 3, 3) and t (V, 3)."""
-    M = np.linalg.solve(K, H)
-    scale = 2 / (np.linalg.norm(M[:, :, 0], axis=1) + np.linalg.norm(M[:, :, 1], axis=1))
-    M = M * (scale * np.where(M[:, 2, 2] < 0, -1.0, 1.0))[:, None, None]
-    Q = np.concatenate([M[:, :, :2], np.cross(M[:, :, 0], M[:, :, 1])[:, :, None]], axis=2)
-    U, _, Vt = np.linalg.svd(Q)
-    # Q has a positive determinant, |r1 × r2|², and so has U Vᵀ
-    return U @ Vt, np.ascontiguousarray(M[:, :, 2])
+    """Find all poses at once: H of shape (V, 3, 3) to R (V, 3, 3) and t (V, 3).
+
+    The rotation nearest to two unit vectors p, q that should be at a right angle turns both by the same amount: p + q
+    and p − q are at a right angle already, and r1, r2 = (â ± b̂)/√2 of these two directions.
+    """
+    M = np.linalg.inv(K) @ H
+    p, q = M[:, :, 0], M[:, :, 1]
+    p_length, q_length = np.sqrt(np.sum(p * p, axis=1)), np.sqrt(np.sum(q * q, axis=1))
+    sign = np.where(M[:, 2, 2] < 0, -1.0, 1.0)
+    p, q = p * (sign / p_length)[:, None], q * (sign / q_length)[:, None]
+    a, b = p + q, p - q
+    a = a / np.sqrt(2 * np.sum(a * a, axis=1))[:, None]
+    b = b / np.sqrt(2 * np.sum(b * b, axis=1))[:, None]
+    r1, r2 = a + b, a - b
+    R = np.stack([r1, r2, np.cross(r1, r2)], axis=2)
+    return R, M[:, :, 2] * (2 * sign / (p_length + q_length))[:, None]
 
 
 def _stack(homographies: Sequence[ArrayLike] | ArrayLike) -> Float:
@@ -160,24 +168,14 @@ def _image_normalization(H: Float, centre: Float | None) -> Float:
 
 def _conic_rows(H: Float) -> Float:
     """The two rows of each view, v12 and v11 − v22: (2V, 6)."""
-
-    def v(i: int, j: int) -> Float:
-        p, q = H[:, :, i], H[:, :, j]
-        return np.stack(
-            [
-                p[:, 0] * q[:, 0],
-                p[:, 0] * q[:, 1] + p[:, 1] * q[:, 0],
-                p[:, 1] * q[:, 1],
-                p[:, 2] * q[:, 0] + p[:, 0] * q[:, 2],
-                p[:, 2] * q[:, 1] + p[:, 1] * q[:, 2],
-                p[:, 2] * q[:, 2],
-            ],
-            axis=1,
-        )
-
+    first, second = np.array([0, 0, 1, 2, 2, 2]), np.array([0, 1, 1, 0, 1, 2])
+    on_diagonal = np.where(first == second, 0.5, 1.0)
+    p, q = H[:, :, 0], H[:, :, 1]
+    v12 = (p[:, first] * q[:, second] + p[:, second] * q[:, first]) * on_diagonal
+    difference = (p[:, first] * p[:, second] - q[:, first] * q[:, second]) * (2 * on_diagonal)
     # Each view counts the same, whatever the distance of its board.
-    scale = 1 / np.maximum(np.sum(H[:, :, 0] ** 2 + H[:, :, 1] ** 2, axis=1), 1e-300)[:, None]
-    return np.concatenate([v(0, 1) * scale, (v(0, 0) - v(1, 1)) * scale])
+    scale = 1 / np.maximum(np.sum(p * p + q * q, axis=1), 1e-300)[:, None]
+    return np.concatenate([v12 * scale, difference * scale])
 
 
 def _smallest_conic(H: Float, *, skew: bool, centred: bool) -> Float:

@@ -25,7 +25,7 @@ from scipy.linalg import block_diag
 
 from stereocal.base.checks import Float, as_image_size, require_choice, require_positive
 from stereocal.base.errors import DegenerateGeometryError, InputError
-from stereocal.base.rotations import rotation_matrix, rotation_vector
+from stereocal.base.rotations import rotation_matrix, rotation_vector, rotation_vectors
 from stereocal.camera.bundle import Bundle, BundleState, residuals
 from stereocal.camera.bundle_problem import camera_of, intrinsics_of, make_bundle, whitening_of
 from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
@@ -314,7 +314,7 @@ def _result(
         left_rms=float(np.sqrt(sums[0] / counts[0])),
         right_rms=float(np.sqrt(sums[1] / counts[1])),
         view_rms=view_rms,
-        rvecs=np.stack([rotation_vector(R) for R in state.R_views]),
+        rvecs=rotation_vectors(state.R_views),
         tvecs=state.t_views.copy(),
         residuals=per_side,
         parameter_names=tuple(names),
