@@ -1,10 +1,10 @@
 """Two views with 40 % wrong matches: the pose from our consensus beside OpenCV's USAC_MAGSAC.
 
-Each scene: a camera of 640 x 480 pixels moves by about one unit before 150 points 3 to 12 units away; matches carry noise
-of 0.5 px per axis, and 40 % of them are replaced by a random place in the right picture. From each fitted F (or E) the
-motion is recovered and compared with the truth: the angle of the rotation that is left over, and the angle between the
-directions of translation; the pose error is the larger of the two. OpenCV gets the same points, threshold (1 px),
-confidence (0.999) and limit on iterations. A failure counts as 180°.
+Each scene: a camera of 640 x 480 pixels moves by about one unit before 150 points 3 to 12 units away; matches carry
+noise of 0.5 px per axis, and 40 % of them are replaced by a random place in the right picture. From each fitted F (or
+E) the motion is recovered and compared with the truth: the angle of the rotation that is left over, and the angle
+between the directions of translation; the pose error is the larger of the two. OpenCV gets the same points, threshold
+(1 px), confidence (0.999) and limit on iterations. A failure counts as 180°.
 
 Run: python benchmarks/study_two_views.py [scenes] [first seed]
 """

@@ -211,7 +211,7 @@ def fit_essential_detailed(
         raise InputError(f"confidence must be between 0 and 1, but is {confidence:g}")
     require_distinct(left, right, minimum, "E")
     rays, other = _rays(left, first), _rays(right, second)
-    to_F = (np.linalg.inv(second).T, np.linalg.inv(first))
+    to_F = (np.asarray(np.linalg.inv(second).T), np.asarray(np.linalg.inv(first)))
     inliers, iterations = np.ones(len(left), dtype=bool), 0
     if method == "8point":
         T1, T2 = normalizing_transform(rays[:, :2]), normalizing_transform(other[:, :2])
@@ -277,7 +277,7 @@ def _sample(
     seed: int,
 ) -> Consensus:
     """Consensus over samples of five rays, judged in pixels."""
-    K = np.linalg.inv(to_F[1]), np.linalg.inv(to_F[0].T)
+    K = np.asarray(np.linalg.inv(to_F[1])), np.asarray(np.linalg.inv(to_F[0].T))
 
     def refit(mask: NDArray[np.bool_], F: Float) -> Float | None:
         if mask.sum() < 6:

@@ -30,9 +30,12 @@ D. Nistér, *Recent developments on direct relative orientation*, ISPRS 60 (2006
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stereocal.base.checks import Float
 from stereocal.base.errors import DegenerateGeometryError
+
+Indices = NDArray[np.int64]
 
 
 def normalizing_transform(points: Float) -> Float:
@@ -97,7 +100,7 @@ def eight_point(x: Float, xp: Float, weights: Float | None = None) -> Float:
     return np.asarray((U * s[..., None, :]) @ Vt)
 
 
-def seven_point(x: Float, xp: Float) -> tuple[Float, Float]:
+def seven_point(x: Float, xp: Float) -> tuple[Float, Indices]:
     """Return all F of rank 2 through seven pairs: roots z of det(z F₁ + (1 − z) F₂) = 0.
 
     Parameters
@@ -122,10 +125,10 @@ def seven_point(x: Float, xp: Float) -> tuple[Float, Float]:
     c1 = (d1 - dm) / 2 - c3
     sample, z = real_cubic_roots(np.stack([c3, even, c1, c0], axis=1))
     F = z[:, None, None] * F1[sample] + (1 - z)[:, None, None] * F2[sample]
-    return F / np.linalg.norm(F, axis=(1, 2), keepdims=True), sample
+    return np.asarray(F / np.linalg.norm(F, axis=(1, 2), keepdims=True)), sample
 
 
-def real_cubic_roots(coefficients: Float) -> tuple[Float, Float]:
+def real_cubic_roots(coefficients: Float) -> tuple[Indices, Float]:
     """Return the real roots of cubics c₃z³ + c₂z² + c₁z + c₀, by the eigenvalues of their companion matrices.
 
     Parameters
@@ -147,7 +150,7 @@ def real_cubic_roots(coefficients: Float) -> tuple[Float, Float]:
     companion[:, 1, 0] = companion[:, 2, 1] = 1
     roots = np.linalg.eigvals(companion)
     which, column = np.nonzero(np.abs(roots.imag) <= 1e-9 * (1 + np.abs(roots.real)))
-    return which, roots.real[which, column]
+    return which, np.asarray(roots.real[which, column])
 
 
 # The twenty monomials of degree ≤ 3 in (x, y, z), as exponents: ten of degree 3 first, then the ten lower ones.
@@ -165,8 +168,8 @@ def _product_table() -> Float:
     for i in range(4):
         for j in range(4):
             for k in range(4):
-                exponents = np.sum([_UNITS[i], _UNITS[j], _UNITS[k]], axis=0)
-                table[i, j, k, _INDEX[tuple(int(e) for e in exponents)]] = 1
+                a, b, c = np.sum([_UNITS[i], _UNITS[j], _UNITS[k]], axis=0).tolist()
+                table[i, j, k, _INDEX[a, b, c]] = 1
     return table
 
 
@@ -176,7 +179,7 @@ for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     _LEVI_CIVITA[_i, _j, _k], _LEVI_CIVITA[_i, _k, _j] = 1.0, -1.0
 
 
-def five_point(x: Float, xp: Float) -> tuple[Float, Float]:
+def five_point(x: Float, xp: Float) -> tuple[Float, Indices]:
     """Return all essential matrices through five pairs of rays.
 
     Parameters
@@ -211,7 +214,7 @@ def five_point(x: Float, xp: Float) -> tuple[Float, Float]:
     sample, column = np.nonzero(real)
     xyz = (vectors[sample, 6:9, column] / one[sample, column][:, None]).real
     E = np.einsum("mk,mkij->mij", np.column_stack([xyz, np.ones(len(xyz))]), basis[sample])
-    return E / np.linalg.norm(E, axis=(1, 2), keepdims=True), sample
+    return np.asarray(E / np.linalg.norm(E, axis=(1, 2), keepdims=True)), sample
 
 
 def _essential_constraints(basis: Float) -> Float:
