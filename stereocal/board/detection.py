@@ -28,6 +28,7 @@ from stereocal.board.saddle import saddle_candidates, saddle_response
 from stereocal.board.subpixel import SaddleFit, fit_corner_grid
 
 _SMALLEST_LEVEL = 200  # longest side of the coarsest level is at least this
+_GOES_ON = 1.2  # outer squares that reach further are those of a further line
 _COVERED, _WHOLE = 0.65, 0.15  # a covered line's outer squares reach less than this; and less than others by this
 
 
@@ -199,6 +200,8 @@ def _choose_board(G: Float, grid: Grid, board: Chessboard) -> tuple[Grid | None,
     size = (max(columns, rows), min(columns, rows))
     if (columns, rows) in wanted:
         if seen.known.all():
+            if outer_extents(G, seen).max() > _GOES_ON:
+                return None, f"the board goes on beyond the {board} corners seen: it is larger, or partly lost", None
             return seen, "", None
         count = int(seen.known.sum())
         return (

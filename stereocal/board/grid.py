@@ -20,7 +20,9 @@ ring test lost to glare, at the image's edge, or because their squares are too s
 **The board's size.** The lines of the grid at its border that are mostly missing are letters or a frame: they are
 dropped. Then the rectangle must be the one asked for. If it is larger by a single line, and that line's outer squares are
 cut off while those at the other end are whole, the board is partly covered there (the paper's photographs): the
-complete lines are taken. In every other case another size is reported, and no corners.
+complete lines are taken. In every other case another size is reported, and no corners. And where the rectangle is the
+one asked for, but the squares go on beyond it, it is a part of a larger board whose other corners were lost: no corners
+either, because they would be numbered from the wrong end.
 
 Sources: the growth by local prediction follows the idea of Geiger et al., ICRA 2012, who minimise an energy for each
 proposed line; closed cells of linked corners are used by Ha et al., *Deltille grids for geometric camera calibration*,
@@ -167,41 +169,7 @@ def outer_extents(G: Float, grid: Grid) -> Float:
         Sides i = 0, i = I-1, j = 0, j = J-1: 1 or more where the outer squares are whole, less where they are cut off;
         up to 1.5, the last 0.4 of which only the squares of a further line can give.
     """
-    extents = np.zeros(4)
-    for side in range(4):
-        points = grid.points if side < 2 else grid.points.transpose(1, 0, 2)
-        if side % 2:
-            points = points[::-1]
-        middles = (points[:, :-1] + points[:, 1:]) / 2
-        outward = middles[0] - middles[1]
-        if len(points) > 2:
-            outward = outward + 0.5 * (middles[0] - 2 * middles[1] + middles[2])
-        first = grid.parity + (side % 2) * ((grid.shape[0] if side < 2 else grid.shape[1]) - 1)
-        # the colour of the squares beyond, dark = +1 (up to a sign that the contrast at the line settles)
-        colour = 1 - 2 * ((np.arange(len(middles[0])) + first) % 2)
-        reach = []
-        distances = np.arange(2, 16) / 10
-        inside = _samples(G, middles[0] - 0.35 * outward)
-        for m in range(len(colour)):
-            at = _samples(G, middles[0][m] + distances[:, None] * outward[m])
-            beside = [n for n in (m - 1, m + 1) if 0 <= n < len(colour)]
-            other = np.mean([_samples(G, middles[0][n] + distances[:, None] * outward[n]) for n in beside], axis=0)
-            contrast = np.mean([inside[n] for n in beside]) - inside[m]
-            same = (other - at) * np.sign(-contrast) > 0.3 * abs(contrast)
-            turned = (other - at) * np.sign(contrast) > 0.3 * abs(contrast)
-            goes_on = np.where(distances < 1.05, same, turned)
-            steps = int(np.argmin(goes_on)) if not goes_on.all() else len(distances)
-            reach.append(0.1 + 0.1 * steps if steps < len(distances) else 1.5)
-        extents[side] = float(np.mean(reach))
-    return extents
+    from stereocal.board.grid_kernels import outer_reach
 
-
-def _samples(image: Float, points: Float) -> Float:
-    """Bilinear samples, clamped to the image."""
-    height, width = image.shape
-    x = np.clip(points[..., 0], 0, width - 1.001)
-    y = np.clip(points[..., 1], 0, height - 1.001)
-    ix, iy = x.astype(int), y.astype(int)
-    fx, fy = x - ix, y - iy
-    upper = image[iy, ix] * (1 - fx) + image[iy, ix + 1] * fx
-    return np.asarray(upper * (1 - fy) + (image[iy + 1, ix] * (1 - fx) + image[iy + 1, ix + 1] * fx) * fy)
+    points = np.ascontiguousarray(grid.points)
+    return np.array([outer_reach(G, points, side) for side in range(4)])

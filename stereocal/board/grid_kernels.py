@@ -371,3 +371,55 @@ def grow_grid(G, grid, known, evidence, parity, share):
                     added += 1
                     again = True
     return added
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def outer_reach(G, grid, side):
+    """Mean reach of the squares beyond border line `side` (i = 0, i = I-1, j = 0, j = J-1), in steps, 0.1 to 1.5.
+
+    Half a square inside the line the squares show their colours; half a step and more outside, the square across
+    the line shows the other one, up to its end at 1, and beyond 1 the first again if the board goes on. Followed
+    square by square, against the mean of its neighbours, until the contrast falls below 0.3 of that inside.
+    """
+    columns, rows = grid.shape[0], grid.shape[1]
+    count = (rows if side < 2 else columns) - 1
+    length = columns if side < 2 else rows
+    middle, outward, inside = np.empty((count, 2)), np.empty((count, 2)), np.empty(count)
+    line = np.empty((3, 2))
+    for m in range(count):
+        for back in range(min(3, length)):
+            k = back if side % 2 == 0 else length - 1 - back
+            for c in range(2):
+                if side < 2:
+                    line[back, c] = 0.5 * (grid[k, m, c] + grid[k, m + 1, c])
+                else:
+                    line[back, c] = 0.5 * (grid[m, k, c] + grid[m + 1, k, c])
+        for c in range(2):
+            middle[m, c] = line[0, c]
+            outward[m, c] = line[0, c] - line[1, c]
+            if length > 2:
+                outward[m, c] += 0.5 * (line[0, c] - 2 * line[1, c] + line[2, c])
+        inside[m] = _bilinear(G, middle[m, 0] - 0.35 * outward[m, 0], middle[m, 1] - 0.35 * outward[m, 1])
+    total = 0.0
+    for m in range(count):
+        first, last = max(m - 1, 0), min(m + 1, count - 1)
+        contrast = 0.0
+        for n in range(first, last + 1):
+            if n != m:
+                contrast += inside[n] / (last - first)
+        contrast -= inside[m]
+        step = 2
+        while step < 16:
+            t = 0.1 * step
+            here = _bilinear(G, middle[m, 0] + t * outward[m, 0], middle[m, 1] + t * outward[m, 1])
+            beside = 0.0
+            for n in range(first, last + 1):
+                if n != m:
+                    beside += _bilinear(G, middle[n, 0] + t * outward[n, 0], middle[n, 1] + t * outward[n, 1])
+            difference = beside / (last - first) - here
+            towards = -difference if step <= 10 else difference
+            if towards * contrast <= 0.3 * contrast * contrast:
+                break
+            step += 1
+        total += 0.1 * (step - 1) if step < 16 else 1.5
+    return total / count
