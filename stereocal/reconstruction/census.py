@@ -31,6 +31,9 @@ from stereocal.base.gray import to_gray
 Codes = NDArray[np.uint64]
 Disparity = NDArray[np.float32]
 
+PIXELS_AT_A_TIME = 64
+"""How many pixels the kernels of the census transform do at once: rows are padded to a multiple of it."""
+
 
 def census_transform(
     image: ArrayLike, *, window: tuple[int, int] = (5, 5), threshold: int = 0, backend: str = "numba"
@@ -64,7 +67,7 @@ def census_transform(
     radii = _radii(window)
     threshold = require_integer(threshold, "threshold", minimum=0, maximum=255)
     if backend == "numba":
-        planes = census_planes(gray, window=window, threshold=threshold)
+        planes = census_planes(gray, window=window, threshold=threshold)[:, :, : gray.shape[1]]
         shifts = np.arange(len(planes), dtype=np.uint64)[:, None, None] * np.uint64(8)
         return np.asarray(np.bitwise_or.reduce(planes.astype(np.uint64) << shifts, axis=0), np.uint64)
     return _census_reference(gray, radii, threshold)
@@ -87,7 +90,7 @@ def _census_reference(gray: NDArray[np.uint8], radii: tuple[int, int], threshold
 def census_planes(
     gray: NDArray[np.uint8], *, window: tuple[int, int], threshold: int, flipped: bool = False
 ) -> NDArray[np.uint8]:
-    """Return the census codes as bytes, (⌈bits / 8⌉, H, W), lowest first: what the kernels compare.
+    """Return the census codes as bytes, (⌈bits / 8⌉, H, W + padding), lowest first: what the kernels compare.
 
     Parameters
     ----------
@@ -100,11 +103,13 @@ def census_planes(
         Whether `gray` is mirrored left to right; its codes are those of the unflipped image, mirrored.
     """
     from stereocal.reconstruction import matching_costs_kernels as kernels
+    from stereocal.reconstruction.vector_primitives import lanes_of
 
     rx, ry = _radii(window)
-    planes = np.zeros((-(-(window[0] * window[1] - 1) // 8), *gray.shape), np.uint8)
-    padded = np.pad(gray, ((ry, ry), (rx, rx)), mode="edge")
-    kernels.census_planes(padded, threshold, ry, rx, flipped, planes)
+    height, width = gray.shape
+    padded = np.pad(gray, ((ry, ry), (rx, rx + -width % PIXELS_AT_A_TIME)), mode="edge")
+    planes = np.empty((-(-(window[0] * window[1] - 1) // 8), height, padded.shape[1] - 2 * rx), np.uint8)
+    kernels.census_planes(padded, threshold, ry, rx, flipped, lanes_of(PIXELS_AT_A_TIME), PIXELS_AT_A_TIME, planes)
     return planes
 
 

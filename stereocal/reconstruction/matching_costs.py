@@ -43,7 +43,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocal.base.errors import InputError
-from stereocal.reconstruction.census import census_planes, census_transform
+from stereocal.reconstruction.census import PIXELS_AT_A_TIME, census_planes, census_transform
 
 Gray = NDArray[np.uint8]
 
@@ -204,19 +204,16 @@ def prepare_pair(
     height, width = left.shape
     lanes = lanes_for(num_disparities)
     before = max(0, -min_disparity)
-    after = max(0, min_disparity + lanes)
-    real = slice(before, before + width)
-    flipped = np.pad(right[:, ::-1], ((0, 0), (before, after)), mode="edge")
-    inside = np.zeros(flipped.shape[1], np.uint8)
-    inside[real] = 255
-    none = np.zeros((0, height, flipped.shape[1]), np.uint8)
-    with_codes, with_levels = recipe.census_weight > 0, recipe.cap > 0
-    window = recipe.window
+    flipped = np.pad(right[:, ::-1], ((0, 0), (before, max(0, min_disparity + lanes))), mode="edge")
+    right_planes = _planes(flipped, recipe, flipped=True)
+    left_planes = _planes(left, recipe)
+    inside = np.zeros(max(plane.shape[2] for plane in right_planes), np.uint8)
+    inside[before : before + width] = 255
     return PreparedPair(
-        left_codes=census_planes(left, window=window, threshold=NOISE) if with_codes else none,
-        right_codes=census_planes(flipped, window=window, threshold=NOISE, flipped=True) if with_codes else none,
-        left_levels=_levels_u8(left, recipe.half_pixel) if with_levels else none,
-        right_levels=_levels_u8(flipped, recipe.half_pixel) if with_levels else none,
+        left_codes=left_planes[0],
+        right_codes=right_planes[0],
+        left_levels=left_planes[1],
+        right_levels=right_planes[1],
         inside=inside,
         outside=np.where(inside > 0, 0, recipe.outside).astype(np.uint8),
         start=width - 1 + min_disparity + before,
@@ -225,15 +222,28 @@ def prepare_pair(
     )
 
 
+def _planes(image: Gray, recipe: PixelCost, *, flipped: bool = False) -> tuple[Gray, Gray]:
+    """Return the census codes and the levels; rows are longer than the image, and a part without weight is empty."""
+    none = np.zeros((0, *image.shape), np.uint8)
+    codes = none
+    if recipe.census_weight:
+        codes = census_planes(image, window=recipe.window, threshold=NOISE, flipped=flipped)
+    return codes, _levels_u8(image, recipe.half_pixel) if recipe.cap else none
+
+
 def _levels_u8(image: Gray, half_pixel: bool) -> Gray:
-    """:func:`_levels` in 8 bits: a mean of two that is rounded down is (a & b) + ((a ^ b) >> 1)."""
-    if not half_pixel:
-        return np.stack([image, image, image])
-    padded = np.pad(image, ((0, 0), (1, 1)), mode="edge")
-    least, greatest = np.minimum(padded[:, :-2], padded[:, 2:]), np.maximum(padded[:, :-2], padded[:, 2:])
-    down = (image & least) + ((image ^ least) >> 1)
-    up = (image | greatest) - ((image ^ greatest) >> 1)
-    return np.stack([image, np.minimum(image, down), np.maximum(image, up)])
+    """Return :func:`_levels` by the kernel, rows padded to a multiple of what it does at a time."""
+    from stereocal.reconstruction import matching_costs_kernels as kernels
+    from stereocal.reconstruction.vector_primitives import lanes_of
+
+    height, width = image.shape
+    padded = np.pad(image, ((0, 0), (1, 1 + -width % PIXELS_AT_A_TIME)), mode="edge")
+    levels = np.empty((3, height, padded.shape[1] - 2), np.uint8)
+    if half_pixel:
+        kernels.half_pixel_levels(padded, lanes_of(PIXELS_AT_A_TIME), PIXELS_AT_A_TIME, levels)
+    else:
+        levels[:] = padded[:, 1:-1]
+    return levels
 
 
 def lanes_for(num_disparities: int) -> int:

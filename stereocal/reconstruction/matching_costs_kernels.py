@@ -9,7 +9,6 @@ of their pixels are real.
 
 from __future__ import annotations
 
-import numpy as np
 from numba import njit
 
 from stereocal.reconstruction.vector_lanes import (
@@ -17,15 +16,17 @@ from stereocal.reconstruction.vector_lanes import (
     count_differing_bits,
     high_product,
     maximum,
+    mean_rounded_down,
+    mean_rounded_up,
     minimum,
     narrow,
     subtract_saturated,
 )
-from stereocal.reconstruction.vector_primitives import fill, load, store, widen
+from stereocal.reconstruction.vector_primitives import fill, load, store, where_at_most, widen
 
 
 @njit(cache=True, nogil=True)
-def census_planes(padded, threshold, radius_y, radius_x, flipped, planes):
+def census_planes(padded, threshold, radius_y, radius_x, flipped, lanes, count, planes):
     """Write the census code of each pixel: bit b is set if neighbour b is darker than the centre by more than t.
 
     Parameters
@@ -36,26 +37,60 @@ def census_planes(padded, threshold, radius_y, radius_x, flipped, planes):
         t.
     flipped : bool
         Whether the image is mirrored left to right; the code is that of the unflipped pixel.
+    lanes : tuple
+        How many pixels are done at a time, as a type.
+    count : int
+        The same as a number; W is a multiple of it.
     planes : (⌈bits / 8⌉, H, W) uint8
-        Enters as zeros. Eight bits a plane, the first neighbour lowest, the window read row by row.
+        Eight bits a plane, the first neighbour lowest, the window read row by row.
     """
-    _, height, width = planes.shape
-    darker = np.empty(width, np.uint8)
+    number, height, width = planes.shape
+    stride = padded.shape[1]
+    image, codes = padded.ravel(), planes.ravel()
+    columns = 2 * radius_x + 1
+    middle = radius_y * columns + radius_x
+    neighbours = columns * (2 * radius_y + 1) - 1
     for y in range(height):
-        for x in range(width):
-            darker[x] = max(np.int64(padded[y + radius_y, x + radius_x]) - threshold, 0)
-        bit = 0
-        for dy in range(-radius_y, radius_y + 1):
-            for dx in range(-radius_x, radius_x + 1):
-                if dy == 0 and dx == 0:
-                    continue
-                neighbour = padded[y + radius_y + dy]
-                first = radius_x - dx if flipped else radius_x + dx
-                row = planes[bit >> 3, y]
-                mask = np.uint8(1 << (bit & 7))
-                for x in range(width):
-                    row[x] |= mask if neighbour[first + x] < darker[x] else np.uint8(0)
-                bit += 1
+        for x in range(0, width, count):
+            centre = load(image, (y + radius_y) * stride + x + radius_x, lanes)
+            darker = subtract_saturated(centre, fill(threshold, centre))
+            none = centre - centre
+            for plane in range(number):
+                code = none
+                for bit in range(8 * plane, min(8 * plane + 8, neighbours)):
+                    place = bit if bit < middle else bit + 1  # the centre is left out
+                    row, column = place // columns, place % columns
+                    if flipped:
+                        column = columns - 1 - column
+                    neighbour = load(image, (y + row) * stride + x + column, lanes)
+                    code = code | where_at_most(darker, neighbour, none, fill(1 << (bit - 8 * plane), none))
+                store(code, codes, (plane * height + y) * width + x)
+
+
+@njit(cache=True, nogil=True)
+def half_pixel_levels(padded, lanes, count, levels):
+    """Write I, and the least and the greatest of I, (I + I(x − 1)) / 2 and (I + I(x + 1)) / 2 (rounded outwards).
+
+    Parameters
+    ----------
+    padded : (H, W + 2) uint8
+        The image with a margin of one pixel left and right.
+    lanes, count
+        As in :func:`census_planes`.
+    levels : (3, H, W) uint8
+    """
+    _, height, width = levels.shape
+    image, out = padded.ravel(), levels.ravel()
+    size = height * width
+    for y in range(height):
+        for x in range(0, width, count):
+            at = y * (width + 2) + x
+            before, value, after = load(image, at, lanes), load(image, at + 1, lanes), load(image, at + 2, lanes)
+            low = mean_rounded_down(value, minimum(before, after))
+            high = mean_rounded_up(value, maximum(before, after))
+            store(value, out, y * width + x)
+            store(minimum(value, low), out, size + y * width + x)
+            store(maximum(value, high), out, 2 * size + y * width + x)
 
 
 @njit(cache=True, nogil=True)
@@ -78,7 +113,7 @@ def cost_rows(
         The largest difference of grey values that counts.
     start : int
         Where the candidate i = 0 of the left pixel 0 stands in a flipped row.
-    inside, outside : (flipped width + lanes,) uint8
+    inside, outside : (flipped width,) uint8
         255 and 0 at a real pixel, 0 and the cost of no pixel elsewhere.
     beyond : (lanes,) of the type of `out`
         All bits set in the lanes that are no disparities.

@@ -27,7 +27,6 @@ from stereocal.reconstruction.vector_primitives import (
     load,
     smallest,
     store,
-    where_at_most,
     widen,
 )
 
@@ -41,21 +40,23 @@ def extend_path(cost, before, P1, P2, most):
 
 @njit(cache=True, nogil=True)
 def sweep_rows(
-    cost, guide, penalties, P1, rows, with_vertical, with_diagonals, lanes, state, total, finishing,
-    count, min_disparity, uniqueness_ratio, subpixel, tolerance, start, inside, beyond, index, right_least,
-    right_winner, row_sums, out,
+    cost, guide, penalties, P1, top, rows, with_vertical, with_diagonals, lanes, state, total, mode,
+    count, min_disparity, uniqueness_ratio, subpixel, tolerance, start, inside, beyond, right_least, winner,
+    out,
 ):  # fmt: skip
     """Follow the paths that come from the left and from above over some rows; or those from the right and from below.
 
     Parameters
     ----------
-    cost : (H · W · lanes,) uint8
-        C, 255 in the lanes that are no disparities.
+    cost : (rows · W · lanes,) uint8
+        C of a strip of rows, 255 in the lanes that are no disparities.
     guide : (H, W) uint8
         The left image.
     penalties : (256,) uint8
         P2 by the difference of grey values between the two pixels.
     P1 : int
+    top : int
+        The strip's topmost row.
     rows : (first, end)
         The rows in the order in which they are visited, `end` not included: downwards if first < end, with x going
         right; upwards otherwise, with x going left.
@@ -66,16 +67,15 @@ def sweep_rows(
     state : (3 · (W + 2) · lanes,) uint8
         N of the row before, for the diagonal path from behind, the vertical one and the diagonal one from ahead, each
         with a pixel of zeros on both sides. Enters as zeros at the image's border; is left for the next call.
-    total : (H · W · lanes,) uint16
-        The sum of L over the paths: written, or, if finishing, read and added to.
-    finishing : bool
-        Whether this sweep is the second to pass here, so that the disparity is taken.
-    count, …, right_winner
+    total : (rows · W · lanes,) uint16
+        The sums of L over the paths, of the strip.
+    mode : int
+        0: only the state is wanted; 1: the sums are written; 2: they are added to those that another sweep has written,
+        and the disparity is taken.
+    count, …, winner
         As in :func:`select_row`.
-    row_sums : (W · lanes,) uint16
-        Scratch.
     out : (H, W) float32
-        The disparity, if finishing.
+        The disparity.
     """
     first, end = rows
     step = 1 if first < end else -1
@@ -89,6 +89,7 @@ def sweep_rows(
     small = fill(P1, none)
     for y in range(first, end, step):
         y_before = min(max(y - step, 0), height - 1)
+        row = (y - top) * width * D
         along = none
         from_behind = none
         for k in range(width):
@@ -96,7 +97,7 @@ def sweep_rows(
             at = x * D
             x_before, x_next = min(max(x - step, 0), width - 1), min(max(x + step, 0), width - 1)
             value = np.int64(guide[y, x])
-            C = load(cost, y * width * D + at, lanes)
+            C = load(cost, row + at, lanes)
 
             P2 = fill(penalties[abs(value - np.int64(guide[y, x_before]))], none)
             L = extend_path(C, along, small, P2, most)
@@ -118,34 +119,34 @@ def sweep_rows(
                 store(L - fill(smallest(L), none), state, ahead + at)
                 S = S + widen(L, wide)
 
-            if finishing:
-                store(S + load(total, y * width * D + at, lanes), row_sums, at)
-            else:
-                store(S, total, y * width * D + at)
-        if finishing:
+            if mode == 2:
+                store(S + load(total, row + at, lanes), total, row + at)
+            elif mode == 1:
+                store(S, total, row + at)
+        if mode == 2:
             select_row(
-                row_sums, 0, count, min_disparity, uniqueness_ratio, subpixel, tolerance, start, inside, beyond, index,
-                right_least, right_winner, lanes, out[y],
+                total, row, count, min_disparity, uniqueness_ratio, subpixel, tolerance, start, inside, beyond,
+                right_least, winner, lanes, out[y],
             )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
 def select_rows(
-    sums, count, min_disparity, uniqueness_ratio, subpixel, tolerance, start, inside, beyond, index, right_least,
-    right_winner, lanes, out,
+    sums, count, min_disparity, uniqueness_ratio, subpixel, tolerance, start, inside, beyond, right_least, winner,
+    lanes, out,
 ):  # fmt: skip
     """Take the winner of each pixel of some rows: :func:`select_row` for each of them."""
     for y in range(len(out)):
         select_row(
             sums, y * out.shape[1] * len(beyond), count, min_disparity, uniqueness_ratio, subpixel, tolerance, start,
-            inside, beyond, index, right_least, right_winner, lanes, out[y],
+            inside, beyond, right_least, winner, lanes, out[y],
         )  # fmt: skip
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def select_row(
-    sums, offset, count, min_disparity, uniqueness_ratio, subpixel, tolerance, start, inside, beyond, index,
-    right_least, right_winner, lanes, out,
+    sums, offset, count, min_disparity, uniqueness_ratio, subpixel, tolerance, start, inside, beyond,
+    right_least, winner, lanes, out,
 ):  # fmt: skip
     """Take the winner of each pixel of a row: the rules of :mod:`stereocal.reconstruction.winner`.
 
@@ -165,19 +166,18 @@ def select_row(
         t of the left-right check; -1 does not check.
     start : int
         Where the right pixel −min_disparity stands in a flipped row: the candidate i of x stands at start − x + i.
-    inside : (flipped width + lanes,) uint8
+    inside : (flipped width,) uint8
         Whether there is a right pixel at that place of the flipped row.
     beyond : (lanes,) uint16
         All bits set in the lanes i ≥ count.
-    index : (lanes,) uint16
-        0, 1, 2, …
-    right_least, right_winner : (flipped width + lanes,) uint16
-        Scratch: the least S that a right pixel has met, and the lane that it met it in.
+    right_least : (flipped width,) uint16
+        Scratch: the least S that each right pixel has met.
+    winner : (W,) int32
+        Scratch.
     out : (W,) float32
     """
     D = len(beyond)
     none = load(beyond, 0, lanes)
-    lane = load(index, 0, lanes)
     if tolerance >= 0:
         right_least[:] = 65535
     for x in range(len(out)):
@@ -187,10 +187,9 @@ def select_row(
         least = smallest(S)
         i = first_equal(S, least)
         if tolerance >= 0:
-            met, lane_met = load(right_least, there, lanes), load(right_winner, there, lanes)
-            store(where_at_most(met, S, lane_met, lane), right_winner, there)
-            store(minimum(met, S), right_least, there)
+            store(minimum(load(right_least, there, lanes), S), right_least, there)
         value = np.float32(np.nan)
+        winner[x] = -1
         if inside[there + i] > 0:
             interior = 0 < i < count - 1
             below = np.int64(sums[at + max(i - 1, 0)])
@@ -206,19 +205,22 @@ def select_row(
                 if subpixel and interior and rise > 0:
                     d += (below - above) / (2.0 * rise)
                 value = np.float32(d)
+                winner[x] = i
         out[x] = value
     if tolerance >= 0:
         for x in range(len(out)):
-            if not np.isnan(out[x]):
-                low = np.int64(np.floor(out[x]))
-                if not right_agrees(x, low, start, min_disparity, inside, right_winner, tolerance):
-                    high = np.int64(np.ceil(out[x]))
-                    if high == low or not right_agrees(x, high, start, min_disparity, inside, right_winner, tolerance):
-                        out[x] = np.nan
-
-
-@njit(cache=True, nogil=True)
-def right_agrees(x, d, start, min_disparity, inside, right_winner, tolerance):
-    """Whether the right pixel x − d has found a disparity within `tolerance` of d."""
-    there = start - x + d - min_disparity
-    return inside[there] > 0 and abs(min_disparity + np.int64(right_winner[there]) - d) <= tolerance
+            i = winner[x]
+            # Most pixels are their partner's best as well: that settles it.
+            if i >= 0 and right_least[start - x + i] != sums[offset + x * D + i]:
+                low, high = np.int64(np.floor(out[x])), np.int64(np.ceil(out[x]))
+                agrees = False
+                for d in range(low - min_disparity, high - min_disparity + 1):
+                    here = start - x + d
+                    if inside[here] > 0:
+                        # The left pixels x − d + k that this right pixel might be matched to, |k − d| ≤ tolerance.
+                        for k in range(max(d - tolerance, 0), min(d + tolerance + 1, count)):
+                            partner = x - d + k
+                            if 0 <= partner < len(out) and sums[offset + partner * D + k] == right_least[here]:
+                                agrees = True
+                if not agrees:
+                    out[x] = np.nan

@@ -42,6 +42,17 @@ def _high_half(builder, a, b):
     return builder.trunc(builder.lshr(product, ir.Constant(wide, [bits] * a.type.count)), a.type)
 
 
+def _mean(builder, a, b, up):
+    count, bits = a.type.count, a.type.element.width
+    wide = ir.VectorType(ir.IntType(2 * bits), count)
+    total = builder.add(builder.zext(a, wide), builder.zext(b, wide))
+    total = builder.add(total, ir.Constant(wide, [up] * count))
+    return builder.trunc(builder.lshr(total, ir.Constant(wide, [1] * count)), a.type)
+
+
+mean_rounded_down = intrinsic(_binary(lambda builder, a, b: _mean(builder, a, b, 0)))
+mean_rounded_up = intrinsic(_binary(lambda builder, a, b: _mean(builder, a, b, 1)))
+
 count_differing_bits = intrinsic(_binary(_differing_bits))
 """How many bits differ between each number of one vector and its partner in the other: the Hamming distance."""
 

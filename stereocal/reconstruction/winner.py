@@ -17,8 +17,9 @@ Which disparities to believe:
 * **Outside.** The winner lies outside the right image: no answer.
 * **Uniqueness.** Another disparity, not a neighbour, costs less than S(d*) · 100 / (100 − u): no answer.
 * **Left-right check.** The same costs seen from the right, d_R(x') = argmin_d S(x' + d, y, d), must agree. With f the
-  disparity's floor and ceiling: |d_R(x − f) − f| ≤ t for one of the two. What only the left camera sees has no
-  partner that agrees, so this is what finds occlusions (P. Fua, 1993). OpenCV's StereoSGBM checks in the same way.
+  disparity's floor or its ceiling: |d_R(x − f) − f| ≤ t for one of the two (and for one d_R, if several tie). What
+  only the left camera sees has no partner that agrees, so this is what finds occlusions (P. Fua, 1993). OpenCV's
+  StereoSGBM checks in the same way.
 """
 
 from __future__ import annotations
@@ -134,13 +135,15 @@ def _right_image_agrees(volume: NDArray[np.int64], search: Search, disparity: Di
         if abs(d) < width:
             from_x, to_x = slice(max(d, 0), width + min(d, 0)), slice(max(-d, 0), width - max(d, 0))
             seen[:, to_x, i] = volume[:, from_x, i]
-    best_of_right = search.min_disparity + np.argmin(seen, axis=2)
+    best_of_right = (seen == seen.min(axis=2, keepdims=True)) & (seen < never)
+    candidates = search.min_disparity + np.arange(count)
     agrees = np.zeros((height, width), bool)
     for f in (np.floor(disparity).astype(np.int64), np.ceil(disparity).astype(np.int64)):
         there = np.arange(width) - f
         real = (there >= 0) & (there < width)
-        other = np.take_along_axis(best_of_right, np.clip(there, 0, width - 1), axis=1)
-        agrees |= real & (np.abs(other - f) <= search.tolerance)
+        best = np.take_along_axis(best_of_right, np.clip(there, 0, width - 1)[..., None], axis=1)
+        near = np.abs(candidates - f[..., None]) <= search.tolerance
+        agrees |= real & np.any(best & near, axis=2)
     return agrees
 
 
@@ -153,8 +156,8 @@ class RowSelector:
         beyond[search.num_disparities :] = 65535
         self.arguments = (
             search.num_disparities, search.min_disparity, search.uniqueness_ratio, search.subpixel, search.tolerance,
-            pair.start, pair.inside, beyond, np.arange(lanes, dtype=np.uint16),
-            np.empty(len(pair.inside), np.uint16), np.empty(len(pair.inside), np.uint16),
+            pair.start, pair.inside, beyond, np.empty(len(pair.inside), np.uint16),
+            np.empty(pair.shape[1], np.int32),
         )  # fmt: skip
 
 
