@@ -28,7 +28,7 @@ from stereocal.base.checks import Float
 from stereocal.base.errors import StereocalError
 from stereocal.report.evidence import Evidence, Refit, projection_jacobian
 from stereocal.report.figures_geometry import draw_field
-from stereocal.report.rig_parameters import rig_of_vector, rig_vector, steps
+from stereocal.report.rig_parameters import lens_domain, rig_of_vector, rig_vector, steps
 from stereocal.report.verdicts import Picture, Verdict, judge
 
 _COLUMNS = 16
@@ -114,9 +114,11 @@ def _camera_difference(
     width, height = evidence.image_size
     x, y = np.meshgrid(np.linspace(0, width - 1, shape[1]), np.linspace(0, height - 1, shape[0]))
     pixels = np.stack([x.ravel(), y.ravel()], axis=1)
-    ideal = np.asarray(camera.undistort_points(pixels, P=np.eye(3)))
-    known = np.isfinite(ideal).all(axis=1)
-    rays = np.concatenate([ideal[known], np.ones((int(known.sum()), 1))], axis=1)
+    known = lens_domain(camera).contains(pixels)
+    ideal = np.asarray(camera.undistort_points(pixels[known], P=np.eye(3)))
+    finite = np.isfinite(ideal).all(axis=1)
+    known[known] = finite
+    rays = np.concatenate([ideal[finite], np.ones((int(finite.sum()), 1))], axis=1)
     start = 0 if side == 0 else 5 + len(np.ravel(rig.left.dist))
     stop = start + 5 + len(np.ravel(camera.dist))
     theta, h = rig_vector(rig), steps(rig)

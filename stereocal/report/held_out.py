@@ -30,7 +30,7 @@ from stereocal.base.errors import StereocalError
 from stereocal.base.rotations import rotation_matrix
 from stereocal.report.evidence import Evidence, Refit, place, project, projection_jacobian
 from stereocal.report.halves import Halves, judge_halves
-from stereocal.report.rectified import epipolar_differences
+from stereocal.report.rectified import rectify_corners
 from stereocal.report.verdicts import Block, Picture, Table, Verdict, judge
 
 
@@ -145,7 +145,7 @@ def hold_out(evidence: Evidence, refit: Refit, *, folds: int = 5, seed: int = 0)
         except (StereocalError, np.linalg.LinAlgError) as error:
             failures.append(str(error))
             continue
-        epipolar[fold] = epipolar_differences(rig, evidence.left[fold], evidence.right[fold])
+        epipolar[fold] = rectify_corners(rig, evidence.left[fold], evidence.right[fold]).across
         rigs.append(rig)
     return HeldOut(left, right, epipolar, tuple(failures), tuple(rigs))
 

@@ -26,7 +26,7 @@ from stereocal.base.checks import Float
 from stereocal.report.board_bend import BoardBend
 from stereocal.report.evidence import Evidence
 from stereocal.report.figures_geometry import draw_board_shape
-from stereocal.report.rectified import rectified_points
+from stereocal.report.rectified import rectify_corners
 from stereocal.report.rig_parameters import depths
 from stereocal.report.verdicts import Block, Picture, Table, judge
 
@@ -36,17 +36,14 @@ def triangulate_corners(evidence: Evidence) -> Float:
 
     For a rectified pair the depth is f·B/d; the point is the ray of the left pixel at that depth.
     """
-    a, b, r = rectified_points(evidence.rig, evidence.left, evidence.right)
-    axis = r.axis
-    f, P1, P2 = r.P1[0, 0], r.P1, r.P2
-    disparity = a[..., axis] - b[..., axis] - (P1[axis, 2] - P2[axis, 2])
-    z = -P2[axis, 3] / np.where(np.abs(disparity) > 1e-9, disparity, np.nan)
-    # of the two rows that should agree, their mean
-    across = 1 - axis
-    mean_row = (a[..., across] - P1[across, 2] + b[..., across] - P2[across, 2]) / 2
-    along = a[..., axis] - P1[axis, 2]
+    r = rectify_corners(evidence.rig, evidence.left, evidence.right)
+    axis, across, f = r.axis, 1 - r.axis, r.focal_length
+    disparity = r.left[..., axis] - r.right[..., axis]
+    z = -r.baseline * f / np.where(np.abs(disparity) > 1e-9, disparity, np.nan)
     xyz = np.empty((*z.shape, 3))
-    xyz[..., axis], xyz[..., across], xyz[..., 2] = along * z / f, mean_row * z / f, z
+    xyz[..., axis] = r.left[..., axis] * z / f
+    xyz[..., across] = (r.left[..., across] + r.right[..., across]) / 2 * z / f  # of rows that should agree, the mean
+    xyz[..., 2] = z
     return xyz
 
 

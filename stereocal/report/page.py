@@ -1,13 +1,12 @@
 """The page: one HTML file that opens offline, reads on a phone and prints; and the same figures as JSON.
 
-Everything is inside the file: style, photographs (JPEG), curves (SVG) and maps (PNG), as data URIs. There is no
+Everything is inside the file: style, photographs (JPEG) and figures (PNG), as data URIs. There is no
 script and no link to a server, so that it can be mailed, archived, and opened in ten years.
 """
 
 from __future__ import annotations
 
 import base64
-import io
 import json
 import math
 import os
@@ -18,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stereocal.base.atomic_files import write_whole
-from stereocal.report.style import VERDICT_COLOURS, to_png
-from stereocal.report.verdicts import Picture, Verdict
+from stereocal.report.style import VERDICT_COLOURS
+from stereocal.report.verdicts import Verdict
 
 if TYPE_CHECKING:
     from stereocal.report.quality import QualityReport
@@ -95,23 +94,17 @@ def render_page(report: QualityReport) -> str:
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
     template = environment.from_string((templates / "report.html").read_text(encoding="utf-8"))
-    embed = {picture.name: _embedded(picture, report) for picture in report.pictures}
+    embed = {name: _data_uri("image/png", data) for name, data in report.png.items()}
     return template.render(
         report=report,
         sentence=_SENTENCES[report.overall],
         style=(templates / "report.css").read_text(encoding="utf-8"),
         colours=VERDICT_COLOURS,
         embed=embed,
-        jpeg=lambda data: "data:image/jpeg;base64," + base64.b64encode(data).decode(),
+        jpeg=lambda data: _data_uri("image/jpeg", data),
         version=__version__,
     )
 
 
-def _embedded(picture: Picture, report: QualityReport) -> str:
-    """The picture as a data URI: lines as SVG, photographs as PNG."""
-    figure = report.figures[picture.name]
-    if picture.photographic:
-        return "data:image/png;base64," + base64.b64encode(to_png(figure, 120)).decode()
-    stream = io.BytesIO()
-    figure.savefig(stream, format="svg", dpi=150, metadata={"Date": None, "Creator": "stereocal"})
-    return "data:image/svg+xml;base64," + base64.b64encode(stream.getvalue()).decode()
+def _data_uri(kind: str, data: bytes) -> str:
+    return f"data:{kind};base64,{base64.b64encode(data).decode()}"

@@ -20,18 +20,8 @@ from typing import Any
 import numpy as np
 
 from stereocal.base.checks import Float
-from stereocal.report.rig_parameters import image_grid, rig_vector
+from stereocal.report.rig_parameters import lens_domain, rig_vector
 from stereocal.report.verdicts import Block, Table, Verdict, judge
-
-
-def monotonic_share(camera: Any) -> float:
-    """Share of the image's pixels, on a grid to its very edges, whose undistortion is unique, in percent."""
-    pixels = image_grid(camera.image_size, columns=24, margin=0.0)
-    back = np.asarray(camera.undistort_points(pixels))
-    with np.errstate(invalid="ignore"):
-        again = np.asarray(camera.distort_points(np.where(np.isfinite(back), back, 0.0)))
-        fine = np.isfinite(back).all(axis=1) & (np.abs(again - pixels).max(axis=1) < 0.01)
-    return 100 * float(fine.mean())
 
 
 def correlation_matrix(covariance: Float) -> tuple[Float, Any]:
@@ -128,7 +118,7 @@ def _judge_parameters(rig: Any, sigma: dict[str, float], condition: float) -> tu
         judge("parameters", "centre", 100 * offset, "Principal point from the middle of the image; the worse camera.",
               cause="A cropped image or a shifted sensor; or too few tilted views to fix the centre.", action=tilt,
               at_worst="usable", decides=False),
-        judge("parameters", "monotonic", min(monotonic_share(c) for c in cameras.values()),
+        judge("parameters", "monotonic", 100 * min(lens_domain(c).share for c in cameras.values()),
               "Pixels whose undistortion is unique; the worse camera.",
               cause="No corner was seen near the image's corners, so the distortion polynomial bends back there.",
               action="Add views with the board in the image's corners, or use a model with fewer coefficients.",

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stereocal.base.atomic_files import write_whole
 from stereocal.base.checks import as_image_size
 from stereocal.base.errors import InputError
 from stereocal.report.board_bend import free_the_board
@@ -32,7 +33,8 @@ from stereocal.report.halves import compare_halves
 from stereocal.report.held_out import HeldOut, examine_generalisation, hold_out
 from stereocal.report.metric import examine_metric
 from stereocal.report.parameters import examine_parameters
-from stereocal.report.rectified import epipolar_differences, examine_epipolar
+from stereocal.report.rectified import examine_epipolar, rectify_corners
+from stereocal.report.style import to_png
 from stereocal.report.verdicts import Block, Grade, Picture, Verdict, spell, worst
 
 if TYPE_CHECKING:
@@ -106,6 +108,11 @@ class QualityReport:
         """Every picture, drawn: name to matplotlib figure."""
         return {picture.name: picture.draw() for picture in self.pictures}
 
+    @cached_property
+    def png(self) -> dict[str, bytes]:
+        """Every picture as PNG, rendered once for the page and the folder."""
+        return {name: to_png(figure) for name, figure in self.figures.items()}
+
     def as_dict(self) -> dict[str, Any]:
         """The figures and verdicts as plain data, as ``report.json`` holds them; what is unknown is None."""
         from stereocal.report.page import report_document
@@ -156,10 +163,7 @@ class QualityReport:
 
     def save_figures(self, folder: str | os.PathLike[str]) -> list[Path]:
         """Write every picture as PNG into a folder, and return the files."""
-        from stereocal.base.atomic_files import write_whole
-        from stereocal.report.style import to_png
-
-        return [write_whole(Path(folder) / f"{name}.png", to_png(figure)) for name, figure in self.figures.items()]
+        return [write_whole(Path(folder) / f"{name}.png", data) for name, data in self.png.items()]
 
 
 def evaluate_calibration(
@@ -246,7 +250,7 @@ def evaluate_calibration(
     seen_by_none = held is not None and bool(np.isfinite(held.epipolar).any())
     epipolar = held.epipolar if held is not None and seen_by_none else None
     if epipolar is None:
-        epipolar = epipolar_differences(evidence.rig, evidence.left, evidence.right)
+        epipolar = rectify_corners(evidence.rig, evidence.left, evidence.right).across
     alone = (mono_left or getattr(calibration, "left", None), mono_right or getattr(calibration, "right", None))
     mono = [None if m is None else float(m.rms) for m in alone]
     fit = examine_fit(evidence, mono)

@@ -15,18 +15,47 @@ Source of the limits: Luxonis (depthai issue 646).
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from stereocal.base.checks import Float
-from stereocal.pair.rectification import rectify
+from stereocal.pair.rectifying_rotations import rectifying_rotations
+from stereocal.pair.rig import StereoRig
 from stereocal.report.figures_geometry import draw_signed_map
 from stereocal.report.verdicts import Block, Picture, judge
 
 
-def rectified_points(rig: Any, left: Float, right: Float) -> tuple[Float, Float, Any]:
-    """Corners where the rectified images show them.
+@dataclass(frozen=True)
+class RectifiedCorners:
+    """Corners where the rectified images show them, from the principal point, pixels.
+
+    Attributes
+    ----------
+    left, right : ndarray of shape (…, 2)
+        NaN where the distortion cannot be undone.
+    focal_length : float
+        Of the rectified images, pixels.
+    axis : int
+        The coordinate along the rows: 0 for a horizontal rig, 1 for a vertical one.
+    baseline : float
+        Signed: negative for a rig whose left (upper) camera comes first.
+    """
+
+    left: Float
+    right: Float
+    focal_length: float
+    axis: int
+    baseline: float
+
+    @property
+    def across(self) -> Float:
+        """Δy: left minus right across the rows (Δx for a vertical rig), (…)."""
+        return np.asarray(self.left[..., 1 - self.axis] - self.right[..., 1 - self.axis])
+
+
+def rectify_corners(rig: StereoRig, left: Float, right: Float) -> RectifiedCorners:
+    """Put corners where the rectified images show them.
 
     Parameters
     ----------
@@ -36,26 +65,17 @@ def rectified_points(rig: Any, left: Float, right: Float) -> tuple[Float, Float,
 
     Returns
     -------
-    left, right : ndarray of shape (…, 2)
-        Pixels of the rectified images.
-    rectification : Rectification
+    RectifiedCorners
+        Only the rotations of :func:`~stereocal.pair.rectification.rectify` and its focal length are needed here; where
+        its images have their middle does not matter to a difference.
     """
-    rectification = rectify(rig)
-    moved = [
-        np.asarray(camera.undistort_points(points.reshape(-1, 2), R=R, P=P)).reshape(points.shape)
-        for camera, points, R, P in (
-            (rig.left, left, rectification.R1, rectification.P1),
-            (rig.right, right, rectification.R2, rectification.P2),
-        )
-    ]
-    return moved[0], moved[1], rectification
-
-
-def epipolar_differences(rig: Any, left: Float, right: Float) -> Float:
-    """Δ across the rows after rectification, y_left − y_right (x for a vertical rig): (…,), pixels."""
-    a, b, rectification = rectified_points(rig, left, right)
-    across = 1 - rectification.axis
-    return np.asarray(a[..., across] - b[..., across])
+    turned = rectifying_rotations(np.asarray(rig.R), np.ravel(rig.T))
+    across = 1 - turned.axis
+    f = (rig.left.K[across, across] + rig.right.K[across, across]) / 2
+    P = np.diag([f, f, 1.0])
+    a = np.asarray(rig.left.undistort_points(left.reshape(-1, 2), R=turned.R1, P=P)).reshape(left.shape)
+    b = np.asarray(rig.right.undistort_points(right.reshape(-1, 2), R=turned.R2, P=P)).reshape(right.shape)
+    return RectifiedCorners(a, b, float(f), turned.axis, turned.baseline)
 
 
 def examine_epipolar(points: Float, differences: Float, image_size: tuple[int, int], *, held_out: bool) -> Block:

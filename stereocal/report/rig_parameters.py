@@ -15,6 +15,8 @@ parameters, σ_Z² = (∂Z/∂θ) Σ (∂Z/∂θ)ᵀ is the depth error that the
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -136,15 +138,6 @@ def depth_jacobian(rig: StereoRig, left: Float, right: Float) -> Float:
     return np.concatenate(columns, axis=1)
 
 
-def image_grid(image_size: tuple[int, int], *, columns: int = 8, margin: float = 0.06) -> Float:
-    """A regular grid of pixels over the image, a margin from its edges: (M, 2)."""
-    width, height = image_size
-    rows = max(3, round(columns * height / width))
-    x = np.linspace(margin * width, (1 - margin) * width, columns)
-    y = np.linspace(margin * height, (1 - margin) * height, rows)
-    return np.stack([a.ravel() for a in np.meshgrid(x, y)], axis=1)
-
-
 def scene_points(rig: StereoRig, pixels: Float, distance: ArrayLike) -> tuple[NDArray[np.bool_], Float, Float]:
     """Points at depth `distance` seen at `pixels` of the left camera, where the right camera sees them too.
 
@@ -172,3 +165,74 @@ def scene_points(rig: StereoRig, pixels: Float, distance: ArrayLike) -> tuple[ND
     )
     inside = kept[known]
     return kept, pixels[kept], seen[inside]
+
+
+@dataclass(frozen=True)
+class LensDomain:
+    """How far from the principal point a lens model can be undone, in the image, direction by direction.
+
+    Attributes
+    ----------
+    centre : ndarray of shape (2,)
+        Principal point, pixels.
+    angles : ndarray of shape (A,)
+        Directions, radians, −π to π.
+    reach : ndarray of shape (A,)
+        Distance at which the model folds, pixels; infinite if it does not within the image.
+    share : float
+        Share of the image inside.
+    """
+
+    centre: Float
+    angles: Float
+    reach: Float
+    share: float
+
+    def contains(self, pixels: Float) -> NDArray[np.bool_]:
+        """Which pixels lie inside, by a margin of 2 %: (M, 2) → (M,)."""
+        offset = pixels - self.centre
+        limit = np.interp(np.arctan2(offset[:, 1], offset[:, 0]), self.angles, self.reach, period=2 * np.pi)
+        return np.asarray(np.linalg.norm(offset, axis=1) < 0.98 * limit, dtype=bool)
+
+
+def lens_domain(camera: Camera, *, directions: int = 72, stations: int = 160) -> LensDomain:
+    """March outwards from the principal point until the distortion folds or the image ends.
+
+    Along each ray the model is monotonic as long as det ∂π/∂x > 0; where it turns, several rays share a pixel. Marching
+    forwards needs no inverse, which is what fails there.
+
+    Parameters
+    ----------
+    camera : Camera
+    directions, stations : int
+        How many rays, and points on each.
+
+    Returns
+    -------
+    LensDomain
+    """
+    width, height = camera.image_size
+    centre = np.array([camera.cx, camera.cy])
+    phi = -np.pi + 2 * np.pi * np.arange(directions) / directions
+    farthest = 2.5 * np.hypot(width, height) / min(camera.fx, camera.fy)
+    r = farthest * (np.arange(1, stations + 1) / stations)
+    x = r[:, None, None] * np.stack([np.cos(phi), np.sin(phi)], axis=1)  # (stations, directions, 2)
+    flat, h = x.reshape(-1, 2), 1e-6
+    with np.errstate(all="ignore"):
+        pixel = _project_rays(camera, flat).reshape(x.shape) - centre
+        columns = [(_project_rays(camera, flat + s) - _project_rays(camera, flat - s)) / (2 * h) for s in h * np.eye(2)]
+        determinant = (columns[0][:, 0] * columns[1][:, 1] - columns[0][:, 1] * columns[1][:, 0]).reshape(x.shape[:2])
+        fine = np.logical_and.accumulate(determinant > 0, axis=0)
+    distance = np.where(fine, np.linalg.norm(pixel, axis=2), 0.0)
+    fold = distance.max(axis=0)
+    angle = np.arctan2(pixel[0, :, 1], pixel[0, :, 0])
+    order = np.argsort(angle)
+    angle, fold, folds = angle[order], fold[order], ~fine[-1, order]
+    cos, sin = np.cos(angle), np.sin(angle)
+    with np.errstate(divide="ignore"):
+        to_x = np.where(cos > 0, (width - 0.5 - centre[0]) / cos, (-0.5 - centre[0]) / cos)
+        to_y = np.where(sin > 0, (height - 0.5 - centre[1]) / sin, (-0.5 - centre[1]) / sin)
+    border = np.minimum(np.where(cos == 0, np.inf, to_x), np.where(sin == 0, np.inf, to_y))
+    reached = np.where(folds, np.minimum(fold, border), border)
+    share = float(np.sum(reached**2) / np.sum(border**2))
+    return LensDomain(centre, angle, np.where(folds & (fold < border), fold, np.inf), share)

@@ -22,6 +22,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from PIL import Image
 
 LEFT, RIGHT = "#0072B2", "#D55E00"
 """The two cameras, everywhere."""
@@ -137,6 +138,10 @@ def to_png(figure: Figure, dpi: float = 130.0) -> bytes:
     dpi : float
         Dots per inch: a panel of 4.6 inches is 598 pixels wide at 130.
     """
+    # ``savefig`` lays the figure out in a first drawing and renders it in a second; one drawing does both
+    figure.set_dpi(dpi)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
     stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": "stereocal"})
+    Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").save(stream, "PNG")
     return stream.getvalue()

@@ -147,15 +147,12 @@ class Picture:
         Returns the figure.
     wide : bool
         Whether it takes the whole width of the page.
-    photographic : bool
-        Whether it holds a photograph (then it is stored as a picture of pixels, not of lines).
     """
 
     name: str
     caption: str
     draw: Callable[[], Figure]
     wide: bool = False
-    photographic: bool = False
 
 
 @dataclass(frozen=True)
