@@ -109,7 +109,7 @@ def demo(*, out: Path = Path("out/demo"), pairs: int = 12, seed: int = 0, output
 def board(
     *,
     inner_corners: str = "7x6",
-    square: str = "25mm",
+    square: Annotated[str, Parameter(allow_leading_hyphen=True)] = "25mm",
     paper: str = "A4",
     out: Path = Path("board.pdf"),
     output: Output | None = None,
@@ -180,7 +180,7 @@ def calibrate(
     /,
     *,
     inner_corners: str,
-    square: str = "1",
+    square: Annotated[str, Parameter(allow_leading_hyphen=True)] = "1",
     model: Model = "brown",
     out: Path = Path("out"),
     side_by_side: Annotated[bool, Parameter(negative="")] = False,

@@ -12,6 +12,7 @@ import os
 from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -113,41 +114,20 @@ def detect_boards(
     """
     board = Chessboard(inner_corners=parse_inner_corners(inner_corners))
     photographs = [Photograph(path) for path in list_photographs(images)]
-    files: list[Path] = []
-    if draw is None:
-        boards = find_boards(photographs, board, workers=workers, progress=progress)
-    else:
-        with staged_folder(draw) as staged:
-            names = _picture_names(photographs)
+    with ExitStack() as folders:  # opened first: a folder that cannot be written must not cost a search
+        pictures = None if draw is None else folders.enter_context(staged_folder(draw))
+        tables = None if out is None else folders.enter_context(staged_folder(Path(out).parent))
+        names = _picture_names(photographs)
 
-            def search(photograph: Photograph) -> FoundBoard:
-                return search_board(photograph, board, picture=staged.path(names[photograph]))
+        def search(photograph: Photograph) -> FoundBoard:
+            picture = None if pictures is None else pictures.path(names[photograph])
+            return search_board(photograph, board, picture=picture)
 
-            boards = map_in_order(search, photographs, "Finding boards", workers=workers, progress=progress)
-            files += staged.published()
-    if out is not None:
-        target = Path(out)
-        with staged_folder(target.parent) as staged:
-            staged.path(target.name).write_text(_corner_table(boards, board), encoding="utf-8")
-        files.append(target)
+        boards = map_in_order(search, photographs, "Finding boards", workers=workers, progress=progress)
+        if tables is not None:
+            tables.path(Path(out or "").name).write_text(_corner_table(boards, board), encoding="utf-8")
+        files = [path for staged in (tables, pictures) if staged is not None for path in staged.published()]
     return DetectionRun(board, tuple(boards), tuple(files))
-
-
-def find_boards(
-    photographs: Sequence[Photograph],
-    board: Chessboard,
-    *,
-    workers: int | None = None,
-    progress: Progress | None = None,
-) -> list[FoundBoard]:
-    """Find the board in each photograph, in parallel; the answers are in the order of the photographs."""
-    return map_in_order(
-        lambda photograph: search_board(photograph, board),
-        photographs,
-        "Finding boards",
-        workers=workers,
-        progress=progress,
-    )
 
 
 def search_board(photograph: Photograph, board: Chessboard, *, picture: Path | None = None) -> FoundBoard:

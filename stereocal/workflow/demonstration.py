@@ -46,6 +46,7 @@ from stereocal.store.images import read_image
 from stereocal.synthetic.rig import SyntheticRig, render_rig
 from stereocal.workflow.calibrations import CalibrationRun, calibrate_rig
 from stereocal.workflow.depth_maps import DepthMapRun, compute_disparity
+from stereocal.workflow.outputs import staged_folder
 from stereocal.workflow.progress import Progress, Silent
 from stereocal.workflow.rectified_pairs import rectify_for_viewing
 
@@ -189,10 +190,12 @@ def run_demo(
     start = time.perf_counter()
     watch, folder = progress or Silent(), Path(out)
     require_integer(pairs, "--pairs", minimum=3, maximum=100)
-    with watch.stage("Rendering photographs", 2 * pairs + 2) as step:
-        rendered = render_rig(seed=seed, pairs=pairs, progress=step)
-    photographs = rendered.save_images(folder / "photographs")
-    truth = save_calibration(rendered.rig, folder / "truth" / "calibration.json", unit="mm")
+    with staged_folder(folder) as staged:
+        with watch.stage("Rendering photographs", 2 * pairs + 2) as step:
+            rendered = render_rig(seed=seed, pairs=pairs, progress=step)
+        rendered.save_images(staged.staging / "photographs")
+        save_calibration(rendered.rig, staged.path("truth/calibration.json"), unit="mm")
+        inputs = staged.published()
     calibration = calibrate_rig(
         folder / "photographs" / "left",
         folder / "photographs" / "right",
@@ -214,8 +217,7 @@ def run_demo(
     files = [
         write_whole(folder / "demo.json", json.dumps(document, indent=1) + "\n"),
         write_whole(folder / "demo.png", to_png(picture)),
-        *photographs,
-        *truth,
+        *inputs,
         *calibration.files,
         *depth_map.files,
     ]

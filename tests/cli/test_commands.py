@@ -1,0 +1,297 @@
+"""Each command on good input: what it finds, what it writes, what it prints."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+import stereocal as sc
+from stereocal.cli.commands import app
+from stereocal.cli.main import main
+from stereocal.store.clouds import read_ply
+from stereocal.store.disparity_files import read_disparity, read_pfm
+from stereocal.synthetic.rig import SyntheticRig
+
+BOARD = ("--inner-corners", "6x5")
+
+
+def names(folder: Path) -> set[str]:
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_detect_finds_the_true_corners(run: Any, photographs: Path, rendered: SyntheticRig, tmp_path: Path) -> None:
+    answer = run(
+        "detect", photographs / "left", *BOARD, "--out", tmp_path / "c.csv", "--draw", tmp_path / "d", "--json"
+    )
+    assert answer.code == 0
+    entries = answer.json
+    assert [Path(entry["image"]).name for entry in entries] == [f"{k:02d}.png" for k in range(1, 6)]
+    for entry, truth in zip(entries, rendered.left_corners, strict=True):
+        assert entry["found"] is True
+        distance = np.linalg.norm(np.array(entry["corners"]) - truth, axis=1)
+        assert distance.max() < 0.1
+    rows = list(csv.DictReader((tmp_path / "c.csv").open()))
+    assert len(rows) == 5 * 30
+    assert [float(rows[7]["x"]), float(rows[7]["y"])] == entries[0]["corners"][7]
+    assert (rows[7]["column"], rows[7]["row"]) == ("1", "1")
+    assert names(tmp_path / "d") == {f"{k:02d}.png" for k in range(1, 6)}
+
+
+def test_detect_prints_a_line_an_image(run: Any, photographs: Path) -> None:
+    answer = run("detect", photographs / "left" / "01.png", photographs / "scene" / "left.png", *BOARD)
+    assert answer.code == 0
+    lines = answer.out.splitlines()
+    assert "01.png" in lines[0]
+    assert "  found" in lines[0]
+    assert "scene/left.png" in lines[1]
+    assert "not found" in lines[1]
+    assert "1 of 2 photographs show the 6x5 board" in answer.out
+    assert answer.err == ""
+
+
+def test_calibrate_recovers_the_rig(calibrated: Path, rendered: SyntheticRig) -> None:
+    rig = sc.load_calibration(calibrated / "calibration.json")
+    assert rig.baseline == pytest.approx(rendered.rig.baseline, rel=2e-3)
+    assert rig.left.K[0, 0] == pytest.approx(rendered.rig.left.K[0, 0], rel=5e-3)
+    document = json.loads((calibrated / "calibration.json").read_text())
+    assert document["pairs_used"] == 5
+    assert [(pair["left"], pair["right"], pair["used"], pair["reason"]) for pair in document["pairs"]] == [
+        (f"{k:02d}.png", f"{k:02d}.png", True, None) for k in range(1, 6)
+    ]
+    assert document["rms"] < 0.1
+    assert (document["square_size"], document["unit"], document["inner_corners"]) == (25.0, "mm", [6, 5])
+    for side in ("left", "right"):
+        assert set(document[side]) >= {"image_size", "model", "K", "dist", "rms"}
+        assert document[side]["image_size"] == [320, 240]
+    assert np.shape(document["R"]) == (3, 3)
+    assert np.shape(document["T"]) == (3,)
+    assert document["std"]["left.fx"] > 0
+    assert np.shape(document["covariance"]) == (len(document["parameter_names"]),) * 2
+
+
+def test_calibrate_writes_what_opencv_reads(calibrated: Path) -> None:
+    rig = sc.load_calibration(calibrated / "calibration.json")
+    storage = cv2.FileStorage(str(calibrated / "calibration.yml"), cv2.FILE_STORAGE_READ)
+    for name, value in (("M1", rig.left.K), ("M2", rig.right.K), ("R", rig.R)):
+        np.testing.assert_array_equal(storage.getNode(name).mat(), value)
+    np.testing.assert_array_equal(storage.getNode("T").mat().ravel(), rig.T)
+    np.testing.assert_array_equal(storage.getNode("D1").mat().ravel(), rig.left.dist)
+
+
+def test_calibrate_writes_report_and_figures(calibrated: Path) -> None:
+    written = names(calibrated)
+    assert written >= {"calibration.json", "calibration.yml", "report.html", "report.json"}
+    assert written >= {f"figures/{name}.png" for name in ("corners_left", "corners_right", "rectified_pair", "rig")}
+    page = (calibrated / "report.html").read_text()
+    assert "<html" in page
+    assert 'src="http' not in page
+    report = json.loads((calibrated / "report.json").read_text())
+    assert report
+
+
+def test_calibrate_prints_the_next_command(run: Any, photographs: Path, tmp_path: Path) -> None:
+    out = tmp_path / "my results"
+    answer = run("calibrate", photographs / "left", photographs / "right", *BOARD, "--out", out)
+    assert answer.code == 0
+    assert answer.err == ""
+    assert "5 of 5 pairs used" in answer.out
+    assert "root mean square distance" in answer.out
+    assert f"stereocal disparity '{out}/calibration.json' LEFT.jpg RIGHT.jpg" in answer.out
+
+
+def test_calibrate_json_is_the_document_and_nothing_else(run: Any, photographs: Path, tmp_path: Path) -> None:
+    words = ("calibrate", photographs / "left", photographs / "right", *BOARD, "--square", "1in", "--json")
+    answer = run(*words, "--out", tmp_path / "a")
+    assert answer.code == 0
+    assert answer.err == ""
+    saved = json.loads((tmp_path / "a" / "calibration.json").read_text())
+    for key in ("pairs", "pairs_used", "rms", "left", "right", "R", "T", "baseline", "square_size", "inner_corners"):
+        assert answer.json[key] == saved[key], key
+    assert answer.json["square_size"] == pytest.approx(25.4)
+    again = run(*words, "--out", tmp_path / "b").json
+    for key in ("left", "right", "R", "T", "rms"):
+        assert again[key] == answer.json[key], "results depend on the order in which threads finish"
+
+
+def test_side_by_side_frames_calibrate_to_the_same_rig(
+    run: Any, photographs: Path, calibrated: Path, tmp_path: Path
+) -> None:
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    for path in sorted((photographs / "left").iterdir()):
+        halves = [np.asarray(Image.open(photographs / side / path.name)) for side in ("left", "right")]
+        Image.fromarray(np.hstack(halves)).save(frames / path.name)
+    answer = run("calibrate", frames, "--side-by-side", *BOARD, "--square", "25mm", "--out", tmp_path / "o", "--json")
+    saved = json.loads((calibrated / "calibration.json").read_text())
+    assert answer.json["T"] == saved["T"]
+    assert answer.json["left"]["K"] == saved["left"]["K"]
+
+
+def test_a_pair_without_a_board_is_left_out_with_the_reason(run: Any, copy: Path, tmp_path: Path) -> None:
+    scene = Image.open(copy / "scene" / "left.png").convert("L")
+    scene.save(copy / "left" / "03.png")
+    answer = run("calibrate", copy / "left", copy / "right", *BOARD, "--out", tmp_path / "o", "--json")
+    assert answer.json["pairs_used"] == 4
+    left_out = answer.json["pairs"][2]
+    assert left_out["used"] is False
+    assert "no 6x5 board in the left photograph" in left_out["reason"]
+
+
+def test_rectify_puts_points_on_one_row(run: Any, photographs: Path, calibrated: Path, tmp_path: Path) -> None:
+    answer = run(
+        "rectify", calibrated / "calibration.json", photographs / "left", photographs / "right",
+        "--out", tmp_path / "r", "--json",
+    )  # fmt: skip
+    assert answer.code == 0
+    assert answer.json["pairs"] == 5
+    assert names(tmp_path / "r") == {
+        f"{kind}_{k:02d}.png" for kind in ("left", "right", "epipolar") for k in range(1, 6)
+    } | {"rectification.json"}
+    board = sc.Chessboard((6, 5), 25.0)
+    differences = []
+    for k in range(1, 6):
+        pair = [sc.read_image(tmp_path / "r" / f"{side}_{k:02d}.png") for side in ("left", "right")]
+        left, right = (sc.detect_chessboard(image, board) for image in pair)
+        if left is not None and right is not None:
+            differences.append(left[:, 1] - right[:, 1])
+    assert len(differences) >= 3
+    assert np.abs(np.concatenate(differences)).max() < 0.2
+
+
+@pytest.mark.parametrize("method", ["sad", "bm", "census", "sgm"])
+def test_disparity_is_near_the_truth(
+    run: Any, photographs: Path, calibrated: Path, rendered: SyntheticRig, tmp_path: Path, method: str
+) -> None:
+    from stereocal.workflow.demonstration import disparity_errors
+    from stereocal.workflow.rectified_pairs import load_rig, rectify_for_viewing
+
+    scene = photographs / "scene"
+    answer = run(
+        "disparity", calibrated / "calibration.json", scene / "left.png", scene / "right.png",
+        "--method", method, "--num-disparities", 48, "--out", tmp_path / "d", "--json",
+    )  # fmt: skip
+    assert answer.code == 0
+    assert names(tmp_path / "d") == {
+        "cloud.ply", "depth.pfm", "disparity.pfm", "disparity.png", "disparity_color.png", "disparity_figure.png",
+        "left_rectified.png", "rectification.json",
+    }  # fmt: skip
+    assert {Path(name).name for name in answer.json["files"]} == names(tmp_path / "d")
+    disparity = read_disparity(tmp_path / "d" / "disparity.pfm")
+    assert answer.json["density"] == pytest.approx(np.isfinite(disparity).mean())
+    assert answer.json["seconds"] > 0
+    errors = disparity_errors(rendered, rectify_for_viewing(load_rig(calibrated / "calibration.json")), disparity)
+    assert np.nanmedian(np.abs(errors.in_map)) < 0.5
+    # the 16-bit file holds the same to 1/512 px
+    coarse = read_disparity(tmp_path / "d" / "disparity.png")
+    both = np.isfinite(coarse)
+    np.testing.assert_array_equal(both, np.isfinite(disparity))
+    np.testing.assert_allclose(coarse[both], disparity[both], atol=1 / 256)
+    # depth and cloud are of the same map
+    depth = read_pfm(tmp_path / "d" / "depth.pfm")
+    near = np.isfinite(depth) & (disparity >= 1)
+    points, colours = read_ply(tmp_path / "d" / "cloud.ply")
+    assert len(points) == answer.json["points"] == np.count_nonzero(near)
+    assert colours is not None
+    np.testing.assert_array_equal(np.sort(points[:, 2]), np.sort(depth[near]))
+
+
+def test_disparity_reads_opencvs_file_as_well(run: Any, photographs: Path, calibrated: Path, tmp_path: Path) -> None:
+    scene = photographs / "scene"
+    maps = []
+    for name in ("calibration.json", "calibration.yml"):
+        out = tmp_path / name
+        answer = run(
+            "disparity", calibrated / name, scene / "left.png", scene / "right.png", "--method", "bm", "--out", out
+        )
+        assert answer.code == 0
+        maps.append(read_disparity(out / "disparity.pfm"))
+    np.testing.assert_array_equal(maps[0], maps[1])
+
+
+def test_sweep_writes_table_and_figures_and_resumes(
+    run: Any, photographs: Path, calibrated: Path, tmp_path: Path
+) -> None:
+    scene = photographs / "scene"
+    words = ("sweep", calibrated / "calibration.json", scene / "left.png", scene / "right.png", "--out", tmp_path / "s")
+    first = run(*words, "--blocks", "5:17:4", "--speckles", "0:50:50", "--json")
+    assert first.code == 0
+    assert first.json["cells"] == 8
+    assert {"sweep.csv", "figure7.png", "figure8.png"} <= names(tmp_path / "s")
+    again = run(*words, "--blocks", "5:21:4", "--speckles", "0:50:50", "--json")
+    assert again.json["cells"] == 10
+    assert again.json["resumed"] == 4
+
+
+@pytest.mark.parametrize("ending", ["pdf", "svg", "png"])
+def test_board_is_true_to_scale(run: Any, tmp_path: Path, ending: str) -> None:
+    out = tmp_path / f"board.{ending}"
+    answer = run("board", *BOARD, "--square", "2cm", "--paper", "A4", "--out", out, "--json")
+    assert answer.code == 0
+    assert answer.json["square_size"] == 20.0
+    assert out.stat().st_size > 500
+    if ending == "png":
+        picture = Image.open(out)
+        pixel = 25.4 / picture.info["dpi"][0]
+        image = np.pad(np.asarray(picture.convert("L"))[::6, ::6], 20, constant_values=255)
+        corners = sc.detect_chessboard(image, sc.Chessboard((6, 5)))
+        assert corners is not None
+        side = np.linalg.norm(corners[1] - corners[0]) * 6 * pixel
+        assert side == pytest.approx(20.0, abs=0.1)
+
+
+def test_demo_keeps_its_bounds(run: Any, tmp_path: Path) -> None:
+    answer = run("demo", "--out", tmp_path / "demo", "--pairs", 4, "--json")
+    assert answer.json["holds"], [check for check in answer.json["checks"] if not check["holds"]]
+    assert answer.code == 0
+    written = names(tmp_path / "demo")
+    assert written >= {"calibration.json", "calibration.yml", "report.html", "report.json", "demo.json", "demo.png"}
+    assert json.loads((tmp_path / "demo" / "demo.json").read_text())["holds"]
+
+
+def test_demo_with_a_broken_bound_fails(
+    run: Any, rendered: SyntheticRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The comparison can fail: a calibration with a square that is wrong by 0.4 % is not within the bounds."""
+    from stereocal.workflow import demonstration
+
+    calibrate = demonstration.calibrate_rig
+
+    def with_wrong_square(*words: Any, square: str, **options: Any) -> Any:
+        return calibrate(*words, square="25.1mm", **options)
+
+    monkeypatch.setattr(demonstration, "render_rig", lambda **_: rendered)
+    monkeypatch.setattr(demonstration, "calibrate_rig", with_wrong_square)
+    code = main(["demo", "--out", str(tmp_path / "demo"), "--json"])
+    assert code == 1
+    checks = json.loads((tmp_path / "demo" / "demo.json").read_text())["checks"]
+    baseline = next(check for check in checks if check["measure"] == "baseline")
+    assert not baseline["holds"]
+    assert baseline["value"] == pytest.approx(0.4, abs=0.1)
+
+
+@pytest.mark.parametrize("command", [name for name in app if not name.startswith("-")])
+def test_every_command_has_help_with_an_example(run: Any, command: str) -> None:
+    answer = run(command, "--help")
+    assert answer.code == 0
+    assert f"Example: stereocal {command}" in " ".join(answer.out.split())
+    assert "--json" in answer.out
+
+
+def test_the_command_as_a_process() -> None:
+    version = subprocess.run(
+        [sys.executable, "-m", "stereocal", "--version"], capture_output=True, text=True, check=True
+    )
+    assert version.stdout.strip() == sc.__version__
+    wrong = subprocess.run([sys.executable, "-m", "stereocal", "nonsense"], capture_output=True, text=True, check=False)
+    assert wrong.returncode == 2
+    assert wrong.stdout == ""
+    assert wrong.stderr.count("\n") == 1
