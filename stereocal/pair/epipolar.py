@@ -17,14 +17,15 @@ c = x'ᵀ F x:
 - *Sampson*: c² / (‖n‖² + ‖n'‖²), the first-order estimate of the next;
 - *reprojection*: the smallest ‖x − x̂‖² + ‖x' − x̂'‖² with x̂'ᵀ F x̂ = 0. This is what maximum likelihood asks for.
 
-The last one is a small problem of its own, :func:`correct_matches`. At the solution x̂ = x − λ n, x̂' = x' − λ n', the
-normals taken *at the solution*. Lindstrom's iteration takes them at the last estimate and solves the constraint for λ,
-a quadratic with a = n'ᵀ F̃ n (F̃ the upper left 2 × 2 of F), b = ½(‖n‖² + ‖n'‖²) and the constant c:
+The last one is a small problem of its own, :func:`correct_matches`. At the solution x̂ = x − λ n', x̂' = x' − λ n, the
+normals taken *at the solution*. Lindstrom's iteration takes them at the last estimate, and solves the constraint
+x̂'ᵀ F x̂ = 0 for λ. With n₀, n'₀ the normals at the measured points and F̃ the upper left 2 × 2 of F it is a quadratic,
 
-    a λ² − 2 b λ + c = 0,      λ = c / (b + √(b² − a c)).
+    a λ² − 2 b λ + c = 0,      a = nᵀ F̃ n',      b = ½ (n·n₀ + n'·n'₀),      λ = c / (b + √(b² − a c)),
 
-It converges quadratically: after two rounds it is at the optimum to all digits that a camera can use. Hartley and
-Sturm's classical solution needs the roots of a polynomial of degree six for each point.
+so that every round ends with a pair that satisfies F exactly, and it converges quadratically: after two rounds it is at
+the optimum to all digits that a camera can use. Hartley and Sturm's classical solution needs the roots of a polynomial
+of degree six for each point.
 
 Sources: R. Hartley, A. Zisserman, *Multiple View Geometry* (2004), chapters 9, 11 and 12; P. Lindstrom, *Triangulation
 made easy*, CVPR 2010.
@@ -194,11 +195,11 @@ def correct_matches(left_points: ArrayLike, right_points: ArrayLike, F: ArrayLik
     matrix = as_array(F, (3, 3), "F")
     matrix = matrix / np.linalg.norm(matrix)
     c, n, n_left = _constraint(left, right, matrix)
-    corner = matrix[:2, :2]
+    n0, n0_left, corner = n, n_left, matrix[:2, :2]
     move_left, move_right = np.zeros_like(left), np.zeros_like(right)
     for _ in range(_LINDSTROM_ROUNDS):
         a = np.einsum("ni,ij,nj->n", n, corner, n_left)
-        b = 0.5 * (np.sum(n**2, axis=1) + np.sum(n_left**2, axis=1))
+        b = 0.5 * (np.sum(n * n0, axis=1) + np.sum(n_left * n0_left, axis=1))
         root = np.sqrt(np.maximum(b * b - a * c, 0.0))
         step = np.divide(c, b + root, out=np.zeros_like(c), where=b + root > 0)[:, None]
         move_left, move_right = step * n_left, step * n

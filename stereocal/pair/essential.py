@@ -211,6 +211,7 @@ def fit_essential_detailed(
         raise InputError(f"confidence must be between 0 and 1, but is {confidence:g}")
     require_distinct(left, right, minimum, "E")
     rays, other = _rays(left, first), _rays(right, second)
+    refuse_turn(rays, other, np.zeros(len(left)), first)
     to_F = (np.asarray(np.linalg.inv(second).T), np.asarray(np.linalg.inv(first)))
     inliers, iterations = np.ones(len(left), dtype=bool), 0
     if method == "8point":
