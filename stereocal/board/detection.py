@@ -119,11 +119,23 @@ def detect_chessboard_detailed(image: ArrayLike, board: Chessboard | tuple[int, 
     best = Detection(False, message="no corner of a chessboard was seen; is the board in the picture, and sharp?")
     for level, scale in _pyramid(gray, board):
         attempt = _search_level(level, scale, gray, board)
-        if attempt.found:
+        if attempt.found and not _dwarfed(attempt, best):
             return attempt
+        if attempt.found:
+            continue
         if _progress(attempt) >= _progress(best):
             best = attempt
     return best
+
+
+def _dwarfed(found: Detection, other: Detection) -> bool:
+    """Whether a much larger board of another size is seen too: then the small one is a picture of a board, or chance."""
+    if other.other_size is None or found.corners is None:
+        return False
+    larger = other.stages["grid"]
+    return len(larger) > len(found.corners) and bool(
+        np.prod(np.ptp(larger, axis=0)) > 8 * np.prod(np.ptp(found.corners, axis=0))
+    )
 
 
 def _progress(detection: Detection) -> float:
@@ -189,6 +201,7 @@ def _search_level(level: NDArray[Any], scale: float, gray: NDArray[Any], board: 
                 stages,
             )
         reasons.append((problem, None))
+        stages["fit"] = fit
     return Detection(False, other_size=reasons[0][1], message=reasons[0][0], stages=stages)
 
 
