@@ -19,7 +19,7 @@ As ``camera_calibration_parsers`` and the calibration tool of ``image_pipeline``
     R = R2ᵀ R1,    T = R2ᵀ (P2[0, 3]/f, P2[1, 3]/f, 0)ᵀ,
 
 because both cameras, turned by R1 and R2, share one orientation and differ by the baseline along x (Bouguet). Written
-with all digits, R and T come back to 1e-12.
+with all digits, R and T come back to 1e-11 of the baseline.
 """
 
 from __future__ import annotations

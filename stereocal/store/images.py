@@ -101,7 +101,7 @@ def read_image(
     source = _require_file(path)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            warnings.simplefilter("ignore")  # damaged metadata, large sizes: judged below
             with Image.open(source, formats=FORMATS_READ) as picture:
                 array = _decode(picture, source, orientation, max_pixels)
     except DataFileError:
@@ -129,7 +129,7 @@ def read_image_size(path: str | os.PathLike[str]) -> tuple[int, int]:
     source = _require_file(path)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            warnings.simplefilter("ignore")  # damaged metadata, large sizes: judged below
             with Image.open(source, formats=FORMATS_READ) as picture:
                 width, height = picture.size
                 turned = picture.getexif().get(_ORIENTATION_TAG, 1) >= 5

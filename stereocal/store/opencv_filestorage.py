@@ -121,7 +121,7 @@ def _from_json(value: Any) -> Any:
 
 def _from_xml(node: ElementTree.Element) -> Any:
     if node.get("type_id") == "opencv-matrix":
-        text = {child.tag: (child.text or "").strip() for child in node}
+        text = {child.tag: (child.text or "").strip().strip('"') for child in node}
         try:
             rows, columns = int(text.get("rows", "")), int(text.get("cols", ""))
         except ValueError:
