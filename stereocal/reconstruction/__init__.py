@@ -3,6 +3,7 @@
 =====================  ==================================================================
 ``sad``                the paper's block matching: the smallest sum of absolute differences
 ``block_matching``     the same with OpenCV's tests around it: StereoBM, bit for bit
+``sliding_window``     the engine of both: sums that are updated as a window slides
 ``census``             matching by the order of grey values, for unequal exposures
 ``semiglobal``         matching with a smoothness term along many paths
 ``speckles``           small islands of the disparity map are removed
@@ -11,5 +12,6 @@
 ``depth``              from disparity to depth and points, and how far to trust them
 =====================  ==================================================================
 
+Beneath them: ``vector_primitives`` and ``vector_lanes`` (explicit vectors in Numba), ``row_bands`` (threads).
 Each ``*_kernels`` module holds the Numba kernels of the module whose name it bears.
 """

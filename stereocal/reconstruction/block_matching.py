@@ -47,7 +47,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from stereocal.base.checks import require_choice, require_integer
 from stereocal.base.errors import InputError
-from stereocal.reconstruction.sad import Disparity, as_gray_pair, require_window_fits, slide_window
+from stereocal.reconstruction.sad import as_gray_pair, require_window_fits
+from stereocal.reconstruction.sliding_window import Disparity, slide_window
 from stereocal.reconstruction.speckles import filter_speckles
 
 Region = tuple[int, int, int, int]
@@ -151,7 +152,7 @@ def match_bm(
     slide_window(
         filtered[0], filtered[1], disparity, searched, rows,
         num_disparities=num_disparities, min_disparity=min_disparity, block_size=block_size,
-        uniqueness_ratio=uniqueness_ratio, subpixel="opencv", cost=cost, threads=threads,
+        peak=2 * prefilter_cap, uniqueness_ratio=uniqueness_ratio, subpixel="opencv", cost=cost, threads=threads,
     )  # fmt: skip
     if cost is not None:
         _cross_check(cost, disp12_max_diff, searched, rows, disparity)
@@ -233,11 +234,13 @@ def _mark_textured(
     """Set `disparity` to 0 where the window has texture, to NaN where it has not."""
     from stereocal.reconstruction import block_matching_kernels as kernels
 
-    beside = np.arange(columns.start - radius, columns.stop + radius)
-    left_column = np.clip(beside, 0, image.shape[1] - 1)
+    first, last = columns.start - radius, columns.stop + radius
+    beside = np.clip(np.arange(first, last), 0, image.shape[1] - 1)
+    inside = first >= 0 and last <= image.shape[1]
+    covered = image[:, first:last] if inside else image[:, beside]
     kernels.reject_untextured(
-        image, cap, left_column, radius, rows.start, rows.stop, columns.start, threshold,
-        np.empty(len(beside), np.int32), disparity,
+        covered, np.int32(cap), radius, rows.start, rows.stop, columns.start, np.int32(min(threshold, 2**31 - 1)),
+        np.empty(last - first, np.int32), np.empty(last - first + 1, np.int32), disparity,
     )  # fmt: skip
 
 

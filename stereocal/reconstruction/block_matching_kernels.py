@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from numba import njit
 
 
@@ -62,28 +63,37 @@ def prefilter_normalized_response(image, size, cap, gain, mean_gain, column_sum,
 
 
 @njit(cache=True, nogil=True)
-def reject_untextured(image, cap, left_column, radius, first_row, last_row, first_x, threshold, column_sum, out):
+def reject_untextured(image, cap, radius, first_row, last_row, first_column, threshold, column_sum, running, out):
     """Set `out` to NaN where Σ |I − cap| over the window is below the threshold, to 0 elsewhere.
 
-    `column_sum`, as long as `left_column`, int32, is scratch.
+    Parameters
+    ----------
+    image : (H, n + 2r) uint8
+        The columns that the windows of the n pixels cover.
+    first_column : int
+        Where the first of the n pixels stands in `out`.
+    column_sum, running : (n + 2r,) and (n + 2r + 1,) int32
+        Scratch: the sum down each column of the window, and the sum of those before each column.
     """
-    count = len(left_column)
+    count = image.shape[1]
+    block = 2 * radius + 1
     column_sum[:] = 0
+    running[0] = 0
     for y in range(first_row - radius, first_row + radius):
-        for j in range(count):
-            column_sum[j] += abs(int(image[y, left_column[j]]) - cap)
+        for x in range(count):
+            column_sum[x] += abs(np.int32(image[y, x]) - cap)
     for y in range(first_row, last_row):
-        for j in range(count):
-            column_sum[j] += abs(int(image[y + radius, left_column[j]]) - cap)
-            if y > first_row:
-                column_sum[j] -= abs(int(image[y - radius - 1, left_column[j]]) - cap)
-        total = 0
-        for j in range(2 * radius):
-            total += column_sum[j]
+        for x in range(count):
+            column_sum[x] += abs(np.int32(image[y + radius, x]) - cap)
+        total = np.int32(0)
+        for x in range(count):
+            total += column_sum[x]
+            running[x + 1] = total
+        row = out[y, first_column : first_column + count - 2 * radius]
         for x in range(count - 2 * radius):
-            total += column_sum[x + 2 * radius]
-            out[y, first_x + x] = 0.0 if total >= threshold else float("nan")
-            total -= column_sum[x]
+            row[x] = np.float32(0.0) if running[x + block] - running[x] >= threshold else np.float32(np.nan)
+        for x in range(count):
+            column_sum[x] -= abs(np.int32(image[y - radius, x]) - cap)
 
 
 @njit(cache=True, nogil=True)

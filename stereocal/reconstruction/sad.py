@@ -35,17 +35,13 @@ R. Szeliski (2002) for the place of both among other methods.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stereocal.base.checks import require_choice, require_integer
 from stereocal.base.errors import InputError
 from stereocal.base.gray import to_gray
-
-Disparity = NDArray[np.float32]
-"""A disparity map: pixels, NaN where there is none."""
+from stereocal.reconstruction.sliding_window import Disparity, slide_window
 
 
 def match_sad(
@@ -221,89 +217,3 @@ def require_window_fits(block_size: int, shape: tuple[int, ...]) -> None:
         raise InputError(
             f"block_size is {block_size}, but the images are {shape[1]}x{shape[0]}: the window must fit into them"
         )
-
-
-def slide_window(
-    left: NDArray[np.uint8],
-    right: NDArray[np.uint8],
-    disparity: Disparity,
-    columns: range,
-    rows: range,
-    *,
-    num_disparities: int,
-    min_disparity: int,
-    block_size: int,
-    uniqueness_ratio: int = 0,
-    subpixel: str = "none",
-    left_right: int = -1,
-    cost: NDArray[np.int32] | None = None,
-    threads: int | None = None,
-    vectors: bool = True,
-) -> None:
-    """Run the kernel over `rows` and `columns` of `disparity`, wherever that is not NaN on entry.
-
-    Parameters
-    ----------
-    left, right : ndarray of shape (H, W), uint8
-        Grey or prefiltered images.
-    disparity : ndarray of shape (H, W), float32
-        Enters as NaN where no answer is wanted; leaves as the disparity map.
-    columns, rows : range
-        The pixels to match.
-    num_disparities, min_disparity, block_size, uniqueness_ratio : int
-        As in the matchers.
-    subpixel : {"none", "opencv", "parabola"}
-        How the disparity is refined.
-    left_right : int
-        The left-right check's tolerance, or −1.
-    cost : ndarray of shape (H, W), int32, optional
-        Receives the smallest sum.
-    threads : int, optional
-        As in the matchers.
-    """
-    from numba import config
-
-    radius = block_size // 2
-    largest = min_disparity + num_disparities - 1
-    beside = np.arange(columns.start - radius, columns.stop + radius)
-    left_column = np.clip(beside, 0, left.shape[1] - 1)
-    right_start = np.clip(beside - largest, 0, left.shape[1] - num_disparities)
-    mode = ("none", "opencv", "parabola").index(subpixel)
-    kernel = _match_band if config.DISABLE_JIT or not vectors else _match_band_vector
-    kernel(
-        left, right, left_column, right_start, radius, (rows.start, rows.stop), columns.start, largest, num_disparities,
-        uniqueness_ratio, mode, left_right, disparity, np.empty((0, 0), np.int32) if cost is None else cost,
-    )  # fmt: skip
-
-
-def _match_band(left, right, left_column, right_start, radius, rows, first_x, largest, count, uniqueness_ratio, mode, left_right, disparity, cost):
-    from stereocal.reconstruction import sad_kernels as kernels
-
-    n = len(left_column) - 2 * radius
-    kernels.match_rows(left, right, left_column, right_start, radius, rows, first_x, largest, count, uniqueness_ratio, mode, left_right,
-        np.empty((len(left_column), count), np.int32), np.empty(count, np.int32), np.empty(left.shape[1], np.int32), np.empty(left.shape[1], np.int32),
-        np.zeros((4, n), np.int32), disparity, cost)
-
-
-def _match_band_vector(left, right, left_column, right_start, radius, rows, first_x, largest, count, uniqueness_ratio, mode, left_right, disparity, cost):
-    from stereocal.reconstruction import sad_kernels as kernels
-    from stereocal.reconstruction.vector_primitives import lanes_of
-
-    n = len(left_column) - 2 * radius
-    greatest = max(int(left.max()), int(right.max()))
-    lanes = -(-count // 16) * 16
-    kind = np.uint16 if (2*radius+1)**2 * greatest < 65535 and left.shape[1] < 65536 else np.uint32
-    guard = np.iinfo(kind).max
-    window = np.full(lanes + 2, guard, kind)
-    beyond = None
-    if lanes > count:
-        right = np.pad(right, ((0,0),(0,lanes-count)))
-        beyond = np.zeros(lanes, kind)
-        beyond[count:] = guard
-    rs = rw = None
-    if left_right >= 0:
-        rs = np.empty(left.shape[1]+lanes, kind)
-        rw = np.empty(left.shape[1]+lanes, kind)
-    kernels.match_rows_vector(left, right, left_column, right_start, radius, rows, first_x, largest, count, uniqueness_ratio, mode, left_right,
-        lanes_of(lanes), np.empty(len(left_column)* lanes, np.uint16), window, beyond, rs, rw,
-        np.zeros((4, n), np.int32), disparity, cost)

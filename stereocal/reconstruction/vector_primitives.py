@@ -150,6 +150,18 @@ def fill(typingctx, value, like):
 
 
 @intrinsic
+def fill_from(typingctx, array, index, like):
+    """Vector of the kind of `like` with array[index] in every lane."""
+
+    def codegen(context, builder, signature, args):
+        number = builder.load(_address(context, builder, signature.args[0], args[0], args[1]))
+        number = _resize(builder, number, like.bits)
+        return _join(builder, [_splat(builder, number, count) for count in like.chunks])
+
+    return like(array, types.intp, like), codegen
+
+
+@intrinsic
 def widen(typingctx, vector, like):
     """The same numbers with as many bits as `like` has."""
 
@@ -158,6 +170,19 @@ def widen(typingctx, vector, like):
             return builder.zext(chunk, ir.VectorType(ir.IntType(like.bits), chunk.type.count))
 
         return _by_chunk(builder, zext, args[0]) if vector.bits < like.bits else args[0]
+
+    return vector.widened(like.bits)(vector, like), codegen
+
+
+@intrinsic
+def widen_signed(typingctx, vector, like):
+    """The same numbers, taken as signed, with as many bits as `like` has."""
+
+    def codegen(context, builder, signature, args):
+        def sext(chunk):
+            return builder.sext(chunk, ir.VectorType(ir.IntType(like.bits), chunk.type.count))
+
+        return _by_chunk(builder, sext, args[0])
 
     return vector.widened(like.bits)(vector, like), codegen
 
@@ -242,10 +267,29 @@ def _words(builder, comparison, vector, value):
         bits.append(builder.zext(builder.bitcast(truth, ir.IntType(chunk.type.count)), ir.IntType(64)))
     words = []
     for low, high in zip(bits[::2], [*bits[1::2], None] if len(bits) % 2 else bits[1::2], strict=True):
-        words.append(
-            low if high is None else builder.or_(low, builder.shl(high, ir.Constant(ir.IntType(64), CHUNK)))
-        )
+        words.append(low if high is None else builder.or_(low, builder.shl(high, ir.Constant(ir.IntType(64), CHUNK))))
     return words
+
+
+def _first(builder, words):
+    """The position of the lowest bit that is set; one of them is."""
+    i64 = ir.IntType(64)
+    index = None
+    for i, word in reversed(list(enumerate(words))):
+        zeros = _call(builder, "llvm.cttz.i64", i64, word, ir.Constant(ir.IntType(1), 0))
+        here = builder.add(zeros, ir.Constant(i64, 64 * i))
+        found = builder.icmp_unsigned("!=", word, ir.Constant(i64, 0))
+        index = here if index is None else builder.select(found, here, index)
+    return index
+
+
+def _count(builder, words):
+    """How many bits are set."""
+    counts = [_call(builder, "llvm.ctpop.i64", ir.IntType(64), word) for word in words]
+    total = counts[0]
+    for count in counts[1:]:
+        total = builder.add(total, count)
+    return total
 
 
 @intrinsic
@@ -253,15 +297,7 @@ def first_equal(typingctx, vector, value):
     """The first lane that equals `value`, which must be there."""
 
     def codegen(context, builder, signature, args):
-        words = _words(builder, "==", *args)
-        i64 = ir.IntType(64)
-        index = None
-        for i, word in reversed(list(enumerate(words))):
-            zeros = _call(builder, "llvm.cttz.i64", i64, word, ir.Constant(ir.IntType(1), 0))
-            here = builder.add(zeros, ir.Constant(i64, 64 * i))
-            found = builder.icmp_unsigned("!=", word, ir.Constant(i64, 0))
-            index = here if index is None else builder.select(found, here, index)
-        return index
+        return _first(builder, _words(builder, "==", *args))
 
     return types.int64(vector, value), codegen
 
@@ -271,14 +307,20 @@ def count_at_most(typingctx, vector, limit):
     """How many lanes are ≤ `limit`."""
 
     def codegen(context, builder, signature, args):
-        i64 = ir.IntType(64)
-        counts = [_call(builder, "llvm.ctpop.i64", i64, word) for word in _words(builder, "<=", *args)]
-        total = counts[0]
-        for count in counts[1:]:
-            total = builder.add(total, count)
-        return total
+        return _count(builder, _words(builder, "<=", *args))
 
     return types.int64(vector, limit), codegen
+
+
+@intrinsic
+def first_and_count_at_most(typingctx, vector, limit):
+    """The first lane that is ≤ `limit`, of which there is one, and how many are: both from one comparison."""
+
+    def codegen(context, builder, signature, args):
+        words = _words(builder, "<=", *args)
+        return context.make_tuple(builder, signature.return_type, [_first(builder, words), _count(builder, words)])
+
+    return types.UniTuple(types.int64, 2)(vector, limit), codegen
 
 
 @intrinsic
@@ -286,8 +328,6 @@ def where_at_most(typingctx, a, b, then, otherwise):
     """Lane by lane: `then` where a ≤ b, `otherwise` elsewhere."""
 
     def codegen(context, builder, signature, args):
-        return _by_chunk(
-            builder, lambda p, q, r, s: builder.select(builder.icmp_unsigned("<=", p, q), r, s), *args
-        )
+        return _by_chunk(builder, lambda p, q, r, s: builder.select(builder.icmp_unsigned("<=", p, q), r, s), *args)
 
     return then(a, b, then, otherwise), codegen

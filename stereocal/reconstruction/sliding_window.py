@@ -1,0 +1,144 @@
+"""The engine of both block matchers: which kernel runs, on what scratch memory, over which bands of rows.
+
+The algorithm is told in :mod:`stereocal.reconstruction.sliding_window_kernels`. Here is what surrounds it: where each
+column of the window's sums stands in the two images, how wide its numbers must be, and the memory it works in, 64-byte
+aligned so that no vector straddles two cache lines.
+
+A column beside the region that is matched may lie outside the image. :func:`slide_window` then takes the nearest column
+inside; in the right image, the nearest place at which all D candidates are inside, as OpenCV does. In the regions of
+:func:`~stereocal.reconstruction.sad.match_sad` that never happens.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from stereocal.reconstruction.row_bands import run_bands
+
+Disparity = NDArray[np.float32]
+"""A disparity map: pixels, NaN where there is none."""
+
+SUBPIXEL = ("none", "opencv", "parabola")
+"""How a disparity is refined to a fraction of a pixel; the kernels get the index."""
+
+MOST_LANES = 512
+"""Up to here the D sums are held as one value: beyond, the registers of no machine would do, and the loops run."""
+
+CACHE_LINE = 64
+
+
+def slide_window(
+    left: NDArray[np.uint8],
+    right: NDArray[np.uint8],
+    disparity: Disparity,
+    columns: range,
+    rows: range,
+    *,
+    num_disparities: int,
+    min_disparity: int,
+    block_size: int,
+    peak: int = 255,
+    uniqueness_ratio: int = 0,
+    subpixel: str = "none",
+    left_right: int = -1,
+    cost: NDArray[np.int32] | None = None,
+    threads: int | None = None,
+    vectors: bool = True,
+) -> None:
+    """Match `rows` and `columns` of `disparity` by the smallest SAD, wherever it is not NaN on entry.
+
+    Parameters
+    ----------
+    left, right : ndarray of shape (H, W), uint8
+        Grey or prefiltered images.
+    disparity : ndarray of shape (H, W), float32
+        Enters as NaN where no answer is wanted; leaves as the disparity map.
+    columns, rows : range
+        The pixels to match. The rows of every window lie in the images.
+    num_disparities, min_disparity, block_size, uniqueness_ratio : int
+        As in the matchers.
+    peak : int
+        No value of the images is above this; the smaller, the narrower the numbers that do.
+    subpixel : {"none", "opencv", "parabola"}
+        How the disparity is refined.
+    left_right : int
+        The left-right check's tolerance, or −1.
+    cost : ndarray of shape (H, W), int32, optional
+        Receives the smallest sum.
+    threads : int, optional
+        How many threads share the rows; None is one a core.
+    vectors : bool
+        Whether explicit vectors may be used; the result is the same.
+    """
+    from numba import config
+
+    from stereocal.reconstruction import sliding_window_kernels as kernels
+
+    radius = block_size // 2
+    width = left.shape[1]
+    largest = min_disparity + num_disparities - 1
+    beside = np.arange(columns.start - radius, columns.stop + radius)
+    left_column = np.clip(beside, 0, width - 1).astype(np.uintp)
+    right_start = np.clip(beside - largest, 0, width - num_disparities).astype(np.uintp)
+    search = (columns.start, largest, num_disparities, uniqueness_ratio, SUBPIXEL.index(subpixel), left_right)
+    cost = np.empty((0, 0), np.int32) if cost is None else cost
+    vectors = vectors and num_disparities <= MOST_LANES and not config.DISABLE_JIT
+    lanes = -(-num_disparities // 16) * 16
+    if vectors and lanes > num_disparities:
+        right = np.pad(right, ((0, 0), (0, lanes - num_disparities)))
+
+    def match_band(band: range) -> None:
+        ends = (band.start, band.stop)
+        if vectors:
+            scratch = _vector_scratch(len(columns), len(beside), lanes, num_disparities, peak, block_size)
+            kernels.match_rows_vector(
+                left, right, left_column, right_start, radius, ends, search, *scratch,
+                *_right_scratch(width + lanes, scratch[2].dtype, left_right), disparity, cost,
+            )  # fmt: skip
+        else:
+            columns_of_sums = np.empty((len(beside), num_disparities), np.int32)
+            kernels.match_rows(
+                left, right, left_column, right_start, radius, ends, search,
+                columns_of_sums, np.empty(num_disparities, np.int32), np.empty(len(columns), np.int32),
+                np.empty(width, np.int32), np.empty(width, np.int32), disparity, cost,
+            )  # fmt: skip
+
+    run_bands(match_band, rows, threads, least_rows=block_size)
+
+
+def _vector_scratch(
+    matched: int, beside: int, lanes: int, num_disparities: int, peak: int, block_size: int
+) -> tuple[Any, ...]:
+    """Return (lanes as a type, columns, windows, beyond, signed, tile, row) as ``match_rows_vector`` takes them."""
+    from stereocal.reconstruction.sliding_window_kernels import TILE
+    from stereocal.reconstruction.vector_primitives import lanes_of
+
+    kind = np.uint16 if peak * block_size**2 < np.iinfo(np.uint16).max else np.uint32
+    guard = np.iinfo(kind).max if kind is np.uint16 else np.iinfo(np.int32).max
+    windows = aligned_empty(32 + TILE * (lanes + 32), kind)
+    windows[:] = guard
+    beyond = None
+    if lanes > num_disparities:
+        beyond = np.zeros(lanes, kind)
+        beyond[num_disparities:] = guard
+    columns = aligned_empty(beside * lanes, np.uint16)
+    signed = True if peak < 128 else None
+    return lanes_of(lanes), columns, windows, beyond, signed, np.empty(8 * TILE, np.int32), np.empty(matched, np.int32)
+
+
+def _right_scratch(size: int, kind: DTypeLike, left_right: int) -> tuple[NDArray[Any] | None, NDArray[Any] | None]:
+    """Return the two rows that the left-right check keeps of the right image, or None twice."""
+    if left_right < 0:
+        return None, None
+    return np.empty(size, kind), np.empty(size, np.uint32)
+
+
+def aligned_empty(count: int, dtype: DTypeLike) -> NDArray[Any]:
+    """Return an array whose first element stands at the start of a cache line."""
+    size = count * np.dtype(dtype).itemsize
+    raw = np.empty(size + CACHE_LINE, np.uint8)
+    start = -raw.ctypes.data % CACHE_LINE
+    return raw[start : start + size].view(dtype)
