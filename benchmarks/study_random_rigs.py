@@ -108,6 +108,8 @@ def main() -> None:
         if ours.rms > theirs * (1 + 1e-9):
             above.append((index, ours.rms, theirs, noise, camera.fx / 640, camera.dist[0], len(clean), ours.iterations))
         lower += ours.rms < theirs * (1 - 1e-6)
+        if index % 50 == 49:
+            print(index + 1, "done, above", len(above), "refused", len(refused), "failed", len(failed), flush=True)
     print(
         f"{arguments.rigs} rigs: above OpenCV {len(above)}, lower by more than 1e-6 {lower}, refused {len(refused)}, failed {len(failed)}"
     )

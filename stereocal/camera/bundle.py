@@ -295,7 +295,9 @@ def camera_jacobian(bundle: Bundle, state: BundleState, camera: int) -> tuple[Fl
         J_shared += J_rig @ bundle.G[bundle.rig_slices[camera]]
     if bundle.shape_basis is not None and bundle.shape_index is not None:
         J_X = q @ state.R_views[_view_of_row(bundle, camera)]
-        J_shared += (J_X @ bundle.shape_basis[bundle.shape_index[rows]]) @ bundle.G[bundle.shape_slice]
+        # all of β is free: its part of G is the identity, in the last columns
+        unknowns = bundle.shape_basis.shape[2]
+        J_shared[:, :, -unknowns:] = J_X @ bundle.shape_basis[bundle.shape_index[rows]]
     return r, J_shared, J_pose
 
 

@@ -78,16 +78,11 @@ def bundle_covariance(bundle: Bundle, state: BundleState, equations: NormalEquat
     priors = 0 if bundle.prior_weights is None else int(np.count_nonzero(bundle.prior_weights))
     freedom = 2 * len(bundle.points) + priors - free - 6 * bundle.view_count
     n = bundle.G.shape[0]
-    try:
-        S, V_inv_Wt = schur_complement(equations)
-        scale = 1 / np.sqrt(np.diag(S)) if free else np.zeros(0)
-        S_inv = np.linalg.inv(S * scale[:, None] * scale) * scale[:, None] * scale
-        determined = freedom > 0 and bool(np.all(np.diag(S_inv) > 0)) and bool(np.all(np.isfinite(S_inv)))
-    except (np.linalg.LinAlgError, FloatingPointError):
-        determined = False
-    if not determined:
+    inverse = inverse_of_schur(equations)
+    if inverse is None or freedom <= 0:
         shapes = ((n, n), (bundle.view_count, n, 6), (bundle.view_count, 6, 6))
         return BundleCovariance(np.inf, freedom, *(np.full(shape, np.inf) for shape in shapes))
+    S_inv, V_inv_Wt = inverse
     variance = equations.cost / freedom
     shared = bundle.G @ S_inv @ bundle.G.T
     Y = V_inv_Wt.reshape(-1, free)
@@ -106,3 +101,23 @@ def bundle_covariance(bundle: Bundle, state: BundleState, equations: NormalEquat
             rig[part.start : part.start + 3, part.start : part.start + 3] = J
         shared, cross = rig @ shared @ rig.T, rig @ cross
     return BundleCovariance(variance, freedom, variance * shared, variance * cross, variance * views)
+
+
+def inverse_of_schur(equations: NormalEquations) -> tuple[Float, Float] | None:
+    """Return S⁻¹ and all V⁻¹Wᵀ; None where an unknown or a view has no influence at all.
+
+    A direction that the data determine less well than rounding allows comes out with the variance that rounding
+    implies, which is large: eigenvalues of S, its rows scaled to a unit diagonal, count as at least 1e-16 of the
+    largest.
+    """
+    try:
+        S, V_inv_Wt = schur_complement(equations)
+    except np.linalg.LinAlgError:
+        return None
+    diagonal = np.diag(S)
+    if not np.all(diagonal > 0):
+        return None
+    scale = 1 / np.sqrt(diagonal)
+    values, vectors = np.linalg.eigh(S * scale[:, None] * scale)
+    half = scale[:, None] * vectors / np.sqrt(np.maximum(values, 1e-16 * values[-1])) if len(values) else S
+    return half @ half.T, V_inv_Wt

@@ -35,7 +35,8 @@ from stereocal.base.checks import Float
 from stereocal.base.errors import ConvergenceError, DegenerateGeometryError
 from stereocal.base.least_squares import minimize_least_squares
 from stereocal.camera.bundle import Bundle, BundleState
-from stereocal.camera.bundle_solver import BundleSolution, schur_complement, solve_bundle
+from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
+from stereocal.camera.covariance import inverse_of_schur
 from stereocal.camera.distortion_base import DistortionModel
 from stereocal.camera.distortion_polynomial import Polynomial
 from stereocal.camera.homography import fit_homography
@@ -279,11 +280,9 @@ def _beyond_doubt(bundle: Bundle, solution: BundleSolution, image_size: tuple[in
     freedom = 2 * len(bundle.points) - bundle.G.shape[1] - 6 * bundle.view_count
     if freedom <= 0 or not bundle.G.shape[1]:
         return True
-    try:
-        S, _ = schur_complement(solution.equations)
-        scale = 1 / np.sqrt(np.diag(S))
-        variances = np.diag(np.linalg.inv(S * scale[:, None] * scale)) * scale**2
-    except np.linalg.LinAlgError:
-        return False  # nothing is determined: any other start may do better
+    inverse = inverse_of_schur(solution.equations)
+    if inverse is None:
+        return False  # something is not determined at all: another start may do better
+    variances = np.diag(inverse[0])
     centre = np.einsum("if,f,if->i", bundle.G[2:4], variances, bundle.G[2:4]) * solution.cost / freedom
     return bool(np.sqrt(centre.max()) < _UNSURE * max(image_size))

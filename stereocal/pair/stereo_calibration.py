@@ -26,6 +26,8 @@ from scipy.linalg import block_diag
 from stereocal.base.checks import Float, as_image_size, require_choice, require_positive
 from stereocal.base.errors import DegenerateGeometryError, InputError
 from stereocal.base.rotations import rotation_matrix, rotation_vector, rotation_vectors
+from stereocal.camera.board_shape import BoardShape, board_line
+from stereocal.camera.board_shape_fit import board_shape_of, fit_shape
 from stereocal.camera.bundle import Bundle, BundleState, residuals
 from stereocal.camera.bundle_problem import camera_of, intrinsics_of, make_bundle, whitening_of
 from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
@@ -76,6 +78,8 @@ class StereoCalibration:
         The test that ended it.
     left, right : CameraCalibration or None
         The two cameras by themselves, where they were calibrated on the way.
+    board : BoardShape
+        The board, with its shape where `board_warp` asked for it.
     joint : BundleCovariance
         All covariances, cross terms too.
     """
@@ -98,6 +102,7 @@ class StereoCalibration:
     reason: str
     left: CameraCalibration | None
     right: CameraCalibration | None
+    board: BoardShape = field(repr=False)
     joint: BundleCovariance = field(repr=False)
 
     def summary(self) -> str:
@@ -111,6 +116,7 @@ class StereoCalibration:
         for name, value, std in zip(self.parameter_names, values, self.std, strict=True):
             lines.append(f"  {name:12s} {value:14.6g}" + (f"  ± {std:.2g}" if std > 0 else "  held"))
         lines.append(f"  {'baseline':12s} {self.rig.baseline:14.6g}  ± {self.baseline_std:.2g}")
+        lines.append(board_line(self.board))
         return "\n".join(lines)
 
 
@@ -132,7 +138,9 @@ def calibrate_stereo(
     skew: bool = False,
     aspect_ratio: float | None = None,
     right_image_size: tuple[int, int] | None = None,
+    board_warp: bool | str = False,
     max_iterations: int = 200,
+    backend: str = "numba",
 ) -> StereoCalibration:
     """Find both cameras, R, T and the poses that minimise the reprojection error in both images.
 
@@ -152,7 +160,7 @@ def calibrate_stereo(
         Cameras to hold, or to start from; otherwise each is calibrated by itself first.
     fix : str or collection of str
         Parameters held, by name: ``"k3"`` for both cameras, ``"left.k3"`` for one.
-    loss, loss_scale, skew, aspect_ratio, max_iterations
+    loss, loss_scale, skew, aspect_ratio, board_warp, max_iterations, backend
         As in :func:`~stereocal.camera.calibration.calibrate_camera`.
     left_covariances, right_covariances : sequence of array_like of shape (N, 2, 2), optional
         Covariance of each corner, px².
@@ -220,8 +228,9 @@ def calibrate_stereo(
     state = BundleState(
         [intrinsics_of(c) for c in cameras], np.stack([np.eye(3), R]), np.stack([np.zeros(3), T]), R_views, t_views
     )
-    solution = solve_bundle(bundle, state, max_iterations=max_iterations)
-    return _result(bundle, solution, cameras, alone)
+    solution = solve_bundle(bundle, state, max_iterations=max_iterations, backend=backend)
+    bundle, solution, kind, held_out = fit_shape(bundle, solution, board_warp, max_iterations=max_iterations)
+    return _result(bundle, solution, cameras, alone, kind, held_out)
 
 
 def _paired_views(
@@ -284,8 +293,9 @@ def _left_poses(
 
 
 def _result(
-    bundle: Bundle, solution: BundleSolution, cameras: list[Camera], alone: list[CameraCalibration | None]
-) -> StereoCalibration:
+    bundle: Bundle, solution: BundleSolution, cameras: list[Camera], alone: list[CameraCalibration | None], kind: str,
+    held_out: dict[str, float],
+) -> StereoCalibration:  # fmt: skip
     state = solution.state
     both = [camera_of(t, c.image_size, m) for t, c, m in zip(state.intrinsics, cameras, bundle.models, strict=True)]
     rig = StereoRig(both[0], both[1], state.R_rig[1], state.t_rig[1])
@@ -327,5 +337,6 @@ def _result(
         reason=solution.reason,
         left=alone[0],
         right=alone[1],
+        board=board_shape_of(bundle, state, kind, held_out, joint),
         joint=joint,
     )

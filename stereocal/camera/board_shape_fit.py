@@ -1,0 +1,160 @@
+"""Fitting the board's shape together with cameras and poses, and asking held-out views whether it is real.
+
+See ``board_shape`` for the shapes and the gauge. The flat fit comes first and is the start; the shape is then one
+more block of shared unknowns in the bundle. The same functions serve one camera and a rig.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from stereocal.base.checks import Float
+from stereocal.base.errors import InputError
+from stereocal.camera.board_shape import KINDS, BoardShape, choose_kind, folds, requested_kind, shape_basis
+from stereocal.camera.bundle import Bundle, BundleState, residuals
+from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
+from stereocal.camera.covariance import BundleCovariance
+
+
+def fit_shape(
+    bundle: Bundle, solution: BundleSolution, board_warp: bool | str, *, max_iterations: int
+) -> tuple[Bundle, BundleSolution, str, dict[str, float]]:
+    """Go on from a flat fit to the shape that the user asks for.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        Measurements; every block holds all points of one board.
+    solution : BundleSolution
+        The flat fit.
+    board_warp : bool or str
+        See ``board_shape.requested_kind``.
+    max_iterations : int
+        Limit on steps.
+
+    Returns
+    -------
+    bundle, solution
+        With the shape among the unknowns.
+    kind : str
+        The shape's kind.
+    held_out_rms : dict of str to float
+        By kind, where it was asked for.
+
+    Raises
+    ------
+    InputError
+        If the views do not all hold the same board points.
+    """
+    kind = requested_kind(board_warp)
+    if kind == "flat":
+        return bundle, solution, kind, {}
+    board = common_board(bundle)
+    held_out: dict[str, float] = {}
+    if kind == "auto":
+        held_out = {kind: held_out_rms(bundle, solution.state, board, kind) for kind in KINDS}
+        kind = choose_kind(held_out)
+    bundle, solution = release(bundle, solution.state, board, kind, max_iterations=max_iterations)
+    return bundle, solution, kind, held_out
+
+
+def common_board(bundle: Bundle) -> Float:
+    """Return the board that all blocks share.
+
+    Raises
+    ------
+    InputError
+        If they differ.
+    """
+    count = int(bundle.offsets[1] - bundle.offsets[0])
+    board = bundle.points[:count]
+    if np.any(np.diff(bundle.offsets) != count) or np.any(bundle.points.reshape(-1, count, 3) != board):
+        raise InputError("board_warp needs the same board points in every view; pass object_points as one (N, 3) array")
+    return board
+
+
+def release(
+    bundle: Bundle, state: BundleState, board: Float, kind: str, *, max_iterations: int = 200
+) -> tuple[Bundle, BundleSolution]:
+    """Solve with a shape of the given kind among the unknowns, starting from a state with a flat board."""
+    basis = shape_basis(kind, board)
+    if basis is None:
+        return bundle, solve_bundle(bundle, state, max_iterations=max_iterations)
+    unknowns = basis.shape[2]
+    blocks = len(bundle.offsets) - 1
+    bundle = replace(
+        bundle,
+        shape_basis=basis,
+        shape_index=np.tile(np.arange(len(board)), blocks),
+        G=np.asarray(block_diag(bundle.G, np.eye(unknowns))),
+    )
+    return bundle, solve_bundle(bundle, replace(state, shape=np.zeros(unknowns)), max_iterations=max_iterations)
+
+
+def held_out_rms(bundle: Bundle, state: BundleState, board: Float, kind: str) -> float:
+    """Return the RMS, pixels, of views that did not take part: cameras and shape from the others, only poses from them.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        Measurements, flat.
+    state : BundleState
+        The flat fit of all views; a start, nothing more.
+    board : ndarray of shape (P, 3)
+        The flat board.
+    kind : str
+        Shape.
+
+    Returns
+    -------
+    float
+    """
+    total, count = 0.0, 0
+    for out in folds(bundle.view_count):
+        kept = np.setdiff1d(np.arange(bundle.view_count), out)
+        training, start = of_views(bundle, state, kept)
+        released, fit = release(training, start, board, kind, max_iterations=60)
+        offsets = np.zeros_like(board) if released.shape_basis is None else released.shape_basis @ fit.state.shape
+        test, poses = of_views(bundle, state, out)
+        test.points = test.points + np.tile(offsets, (len(test.offsets) - 1, 1))
+        test.G = np.zeros((bundle.G.shape[0], 0))
+        known = replace(fit.state, R_views=poses.R_views, t_views=poses.t_views, shape=np.zeros(0))
+        d = residuals(test, solve_bundle(test, known).state)
+        total += float(np.sum(d * d))
+        count += len(d)
+    return float(np.sqrt(total / count))
+
+
+def of_views(bundle: Bundle, state: BundleState, views: np.ndarray) -> tuple[Bundle, BundleState]:
+    """Return the measurements and the state of some views only."""
+    blocks = np.flatnonzero(np.isin(bundle.view_of_block, views))
+    rows = np.concatenate([np.arange(bundle.offsets[b], bundle.offsets[b + 1]) for b in blocks])
+    sizes = np.diff(bundle.offsets)[blocks]
+    part = replace(
+        bundle,
+        points=bundle.points[rows],
+        measured=bundle.measured[rows],
+        offsets=np.concatenate([[0], np.cumsum(sizes)]),
+        camera_of_block=bundle.camera_of_block[blocks],
+        view_of_block=np.searchsorted(views, bundle.view_of_block[blocks]),
+        view_count=len(views),
+        whitening=None if bundle.whitening is None else bundle.whitening[rows],
+        shape_index=None if bundle.shape_index is None else bundle.shape_index[rows],
+    )
+    return part, replace(state, R_views=state.R_views[views], t_views=state.t_views[views])
+
+
+def board_shape_of(
+    bundle: Bundle, state: BundleState, kind: str, held_out: dict[str, float], joint: BundleCovariance
+) -> BoardShape:
+    """Return the shape that a solution holds, with standard deviations."""
+    board = bundle.points[: bundle.offsets[1]]
+    if bundle.shape_basis is None:
+        return BoardShape("flat", board.copy(), np.zeros_like(board), np.zeros_like(board), held_out)
+    offsets = bundle.shape_basis @ state.shape
+    of_beta = joint.shared[bundle.shape_slice, bundle.shape_slice]
+    variance = np.einsum("pam,mn,pan->pa", bundle.shape_basis, of_beta, bundle.shape_basis, optimize=True)
+    return BoardShape(kind, board + offsets, offsets, np.sqrt(variance), held_out)
