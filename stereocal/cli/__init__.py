@@ -1,9 +1,13 @@
 """The command line: a thin face over :mod:`stereocal.workflow`.
 
-=============  ===================================================================================
-``main``       entry point: runs a command, turns errors into one sentence and an exit code
-``commands``   the commands' names, options and help
-``summaries``  what a person reads when a command is done: what was done, found, and comes next
-``terminal``   standard output and standard error; progress bars
-=============  ===================================================================================
+========================  =========================================================================
+``main``                  entry point: runs a command, turns errors into one sentence and an exit code
+``app``                   the application, and what all commands share
+``commands``              all commands, from the three modules that follow
+``commands_calibration``  demo, board, detect, calibrate
+``commands_depth``        rectify, disparity, sweep
+``commands_tools``        convert, fetch, bench
+``summaries``             what a person reads when a command is done: what was found, and comes next
+``terminal``              standard output and standard error; progress bars
+========================  =========================================================================
 """

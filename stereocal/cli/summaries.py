@@ -17,8 +17,11 @@ from rich.table import Table
 from rich.text import Text
 
 from stereocal.report.verdicts import Verdict, worst
+from stereocal.workflow.benchmarks import BenchRun
 from stereocal.workflow.boards import DetectionRun
 from stereocal.workflow.calibrations import CalibrationRun
+from stereocal.workflow.conversions import ConversionRun
+from stereocal.workflow.datasets import FetchRun
 from stereocal.workflow.demonstration import DemoRun
 from stereocal.workflow.depth_maps import DepthMapRun
 from stereocal.workflow.rectified_pairs import RectificationRun
@@ -193,6 +196,43 @@ def summarize_sweep(run: SweepRun) -> Iterator[RenderableType]:
     yield f"most disparities above 0 with a window of [bold]{table.best_block()}[/] (speckle size {least})"
     yield "  [dim]a count alone ranks nothing: figure7.png shows its ceiling and what the right image confirms[/]"
     yield from _files(run.files, run.folder)
+
+
+def summarize_conversion(run: ConversionRun) -> Iterator[RenderableType]:
+    """From what to what, and what changed its meaning."""
+    yield Text(f"{run.source} ({run.format}) is now {run.target}")
+    for remark in run.remarks:
+        yield Text(f"  {remark}")
+
+
+def summarize_fetch(run: FetchRun) -> Iterator[RenderableType]:
+    """What it is, under which terms, and where."""
+    data = run.dataset
+    yield Text(f"{data.name}: {data.title}; {data.terms}")
+    yield Text(f"{'downloaded to' if run.downloaded else 'is in'} {data.folder}")
+    if data.right and data.inner_corners is not None:
+        columns, rows = data.inner_corners
+        square = f"{data.square_size or 1:g}{data.unit or ''}"
+        words = ("--inner-corners", f"{columns}x{rows}", "--square", square)
+        yield from _next(_command("stereocal", "calibrate", data.left[0].parent, data.right[0].parent, *words))
+
+
+def summarize_bench(run: BenchRun) -> Iterator[RenderableType]:
+    """A table, and the machine that it holds for."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for title in ("kernel", "case"):
+        table.add_column(title)
+    for title in ("ours, ms", "OpenCV, ms", "ratio"):
+        table.add_column(title, justify="right")
+    table.add_column("agreement")
+    for result in run.results:
+        colour = "green" if result.ratio <= 1 else "default"
+        ratio = f"[{colour}]{result.ratio:.2f}[/]"
+        times = (f"{result.ours_ms:.3g}", f"{result.opencv_ms:.3g}")
+        table.add_row(result.kernel, escape(result.case), *times, ratio, escape(result.agreement))
+    yield table
+    yield f"\n[dim]ratio = ours / OpenCV's, medians of processor time in turns; {escape(run.machine)}[/]"
+    yield from _files(run.files)
 
 
 def _files(files: tuple[Path, ...], folder: Path | None = None) -> Iterator[RenderableType]:

@@ -231,6 +231,42 @@ def test_sweep_writes_table_and_figures_and_resumes(
     assert again.json["resumed"] == 4
 
 
+def test_convert_names_what_changes_its_meaning(run: Any, calibrated: Path, tmp_path: Path) -> None:
+    answer = run("convert", calibrated / "calibration.json", tmp_path / "rig.xml", "--json")
+    assert answer.code == 0
+    assert answer.json["format"] == "stereocal"
+    assert any("unit" in remark for remark in answer.json["remarks"])
+    rig = sc.load_calibration(calibrated / "calibration.json")
+    np.testing.assert_array_equal(sc.load_calibration(tmp_path / "rig.xml").T, rig.T)
+    refused = run("convert", calibrated / "calibration.json", tmp_path / "camchain.yaml", "--to", "kalibr")
+    assert refused.code == 1
+    assert "k3" in refused.err
+    assert not (tmp_path / "camchain.yaml").exists()
+
+
+def test_fetch_finds_what_is_there_already(run: Any, data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("STEREOCAL_DATA", str(data))
+    answer = run("fetch", "opencv_sample", "--json")
+    assert answer.code == 0
+    assert answer.json["downloaded"] is False
+    assert len(answer.json["left"]) == len(answer.json["right"]) == 13
+    unknown = run("fetch", "nonsense")
+    assert unknown.code == 1
+    assert "opencv_sample" in unknown.err
+
+
+def test_bench_compares_with_opencv(run: Any, tmp_path: Path) -> None:
+    answer = run("bench", "filter_speckles", "--markdown", tmp_path / "table.md", "--json")
+    assert answer.code == 0
+    assert answer.json
+    for entry in answer.json:
+        assert set(entry) == {"kernel", "case", "ours_ms", "opencv_ms", "ratio", "agreement"}
+        assert entry["kernel"] == "filter_speckles"
+        assert entry["ratio"] == pytest.approx(entry["ours_ms"] / entry["opencv_ms"], rel=0.5)
+    assert (tmp_path / "table.md").read_text().startswith("| kernel |")
+    assert run("bench", "nonsense").code == 1
+
+
 @pytest.mark.parametrize("ending", ["pdf", "svg", "png"])
 def test_board_is_true_to_scale(run: Any, tmp_path: Path, ending: str) -> None:
     out = tmp_path / f"board.{ending}"
