@@ -16,7 +16,7 @@ for each pixel (x, y) of the left image and each candidate d, the pixel (x − d
 ``"sad"``
     The plain difference |I_L(x) − I_R(x − d)|.
 ``"census+bt"``
-    Three times the first and the second up to 10 grey levels (after X. Mei et al., 2011, who blend census with absolute
+    Twice the first and the second up to 8 grey levels (after X. Mei et al., 2011, who blend census with absolute
     differences). Where there is no texture the census bits are noise, while equal grey values are still a sign.
 
 Differences of grey values are cut off at a cap, so that a highlight seen by one camera does not outvote the rest.
@@ -105,7 +105,7 @@ RECIPES = {
     "census": PixelCost(1, 0, False),
     "bt": PixelCost(0, 40, True),
     "sad": PixelCost(0, 40, False),
-    "census+bt": PixelCost(3, 10, True),
+    "census+bt": PixelCost(2, 8, True),
 }
 
 
