@@ -262,7 +262,7 @@ def test_bad_input_is_named() -> None:
         ({"gradient_scale": 0.0}, "gradient_scale"),
         ({"num_disparities": 0}, "num_disparities"),
         ({"block_size": 4}, "odd"),
-        ({"block_size": 31}, "smaller block"),
+        ({"block_size": 35}, "smaller block"),
         ({"threads": 0}, "threads"),
         ({"backend": "cuda"}, "backend"),
     ):
