@@ -60,6 +60,8 @@ def read(path: Path) -> CalibrationRecord:
     try:
         left = _read_camera(fields.fields("cam0"))
         if "cam1" not in fields:
+            if fields.mapping["cam0"].get("cam_overlaps"):
+                raise fields.error("lacks cam1, which cam0 overlaps, so it is cut short")
             return CalibrationRecord(left)
         right = fields.fields("cam1")
         pose = right.matrix(4, 4, "T_cn_cnm1")

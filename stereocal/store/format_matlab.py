@@ -147,6 +147,8 @@ def _read_mat(path: Path) -> dict[str, Any]:
     try:
         _require_small(content, path)
         found = loadmat(io.BytesIO(content), squeeze_me=False, struct_as_record=True)
+    except DataFileError:
+        raise
     except (MatReadError, ValueError, TypeError, KeyError, IndexError, OSError, EOFError, struct.error) as error:
         raise DataFileError(path, "is no MATLAB file of version 5, or is cut short") from error
     except (NotImplementedError, MemoryError, OverflowError, zlib.error, RecursionError) as error:

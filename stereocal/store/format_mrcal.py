@@ -123,7 +123,8 @@ def _read_camera(path: Path, remarks: list[str]) -> tuple[Camera, Float, Float]:
 
 
 def _literal(path: Path) -> Any:
+    text = read_text(path).strip()
     try:
-        return ast.literal_eval(read_text(path).strip())
+        return ast.literal_eval(text)
     except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError) as error:
         raise DataFileError(path, "is no Python literal, or is cut short; nothing in it was run") from error

@@ -59,9 +59,10 @@ def read(path: Path) -> CalibrationRecord:
         If it is cut short, holds pickles, unpacks to too much, or its maps are of no five-parameter lens.
     """
     arrays = _load(path)
+    size, reprojection = (_take(arrays, name, path) for name in ("imageSize", "dispartityToDepthMap"))
     try:
-        width, height = (int(side) for side in np.ravel(_take(arrays, "imageSize", path)))
-        Q = np.asarray(_take(arrays, "dispartityToDepthMap", path), dtype=np.float64).reshape(4, 4)
+        width, height = (int(side) for side in np.ravel(size))
+        Q = np.asarray(reprojection, dtype=np.float64).reshape(4, 4)
     except (TypeError, ValueError) as error:
         raise DataFileError(path, "holds an imageSize or dispartityToDepthMap of the wrong shape") from error
     if not np.isfinite(Q).all() or Q[2, 3] <= 0 or Q[3, 2] == 0:
@@ -134,6 +135,8 @@ def _load(path: Path) -> dict[str, Any]:
                 raise DataFileError(path, f"unpacks to more than {MAX_UNPACKED >> 20} MB; it is not read")
         with np.load(path, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
+    except DataFileError:
+        raise
     except OSError as error:
         raise DataFileError(path, f"cannot be read ({error.strerror or 'cut short'})") from error
     except (ValueError, KeyError, EOFError, SyntaxError, MemoryError, zipfile.BadZipFile, zlib.error) as error:

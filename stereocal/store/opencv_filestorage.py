@@ -50,8 +50,9 @@ def read_storage(path: Path) -> dict[str, Any]:
         except (ValueError, RecursionError) as error:
             raise DataFileError(path, f"is damaged: {error}") from error
     if start.startswith("{"):
+        document = parse_json(text, path)
         try:
-            return {name: _from_json(value) for name, value in parse_json(text, path).items()}
+            return {name: _from_json(value) for name, value in document.items()}
         except (ValueError, RecursionError) as error:
             raise DataFileError(path, f"is damaged: {error}") from error
     return parse_yaml(_HEADER.sub("", text, count=1), path)

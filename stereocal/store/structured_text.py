@@ -45,16 +45,16 @@ def read_bytes(path: str | os.PathLike[str]) -> bytes:
     """
     source = Path(path)
     try:
-        if source.is_dir():
-            raise DataFileError(source, "is a folder; name a file in it")
-        size = source.stat().st_size
-        if size > MAX_BYTES:
-            raise DataFileError(source, f"is too large for a calibration ({size >> 20} MB)")
-        content = source.read_bytes()
+        folder, size = source.is_dir(), source.stat().st_size
+        content = b"" if folder or size > MAX_BYTES else source.read_bytes()
     except OSError as error:
         raise DataFileError(source, f"cannot be read ({error.strerror}); check the name") from error
     except ValueError as error:  # a NUL byte in the name
         raise DataFileError(source, "is not a file name") from error
+    if folder:
+        raise DataFileError(source, "is a folder; name a file in it")
+    if size > MAX_BYTES:
+        raise DataFileError(source, f"is too large for a calibration ({size >> 20} MB)")
     if not content:
         raise DataFileError(source, "is empty (0 bytes)")
     return content
@@ -190,11 +190,12 @@ class Fields:
 def as_numbers(value: Any, path: str | os.PathLike[str], name: str) -> Float:
     """Return nested lists of finite numbers, or an array, as a flat float64 array."""
     try:
-        array = np.asarray(value)
-        if array.dtype.kind not in "fiu" and array.size:
-            # YAML 1.1 takes 1e-5, which lacks a point, for a word: words that are numbers count as numbers
-            array = np.array([_as_float(item) for item in array.ravel()])
-        array = array.astype(np.float64).ravel()
+        if isinstance(value, np.ndarray) and value.dtype.kind in "fiu":
+            array = value.astype(np.float64).ravel()
+        else:
+            # one by one: YAML 1.1 takes 1e-5, which lacks a point, for a word, and True must not pass for 1
+            items = np.asarray(value, dtype=object).ravel()
+            array = np.array([_as_float(item) for item in items], dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise DataFileError(path, f"{name} must be numbers") from error
     if not np.isfinite(array).all():
