@@ -14,6 +14,10 @@
 ``metric``                block 6: triangulated squares, flatness and shape of the board
 ``depth_error``           block 7: σ_Z from disparity noise and the calibration's covariance together
 ``scene``                 block 8: disparity of a scene, and the paper's sweep
+``left_right``            which disparities the right image confirms
+``board_bend``            is the board flat: one step of the fit with its shape free
+``rig_parameters``        a rig as a vector, and what a change of it does to depth
+``thumbnails``            small photographs with corners
 ``advice``                which photographs to add, in plain words
 ``style``                 one look for every picture
 ``figures_images``        pictures with photographs in them

@@ -16,7 +16,10 @@ is the sign of a tilted board.
 **Does the tilt suffice?** Zhang's closed form solves V b = 0 for the six entries b of K⁻ᵀK⁻¹; each view gives two
 rows. With singular values σ₁ ≤ σ₂ ≤ …, one null vector (σ₁ ≈ 0) is the answer, and a second (σ₂ ≈ 0) means that the
 views leave a whole family of cameras: they are parallel, or too few. BoofCV's geometry score is min(1, (σ₂/σ₃)/0.2).
-Pixels are first scaled to about ±1 around the image's middle, or the unit of b's entries would decide the ratio.
+Two changes are ours. The corners are undistorted first: distortion looks like perspective to a homography, and boards
+held at 4° score 0.96 on a wide lens as they are, 0.17 without its distortion. And where σ₃ is nothing but noise too
+(below a hundredth of σ₆) the score is 0: parallel views leave two equations, and a ratio of two zeros may be
+anything. Pixels are scaled to about ±1 around the image's middle, or the unit of b's entries would decide the ratio.
 
 Sources: ROS camera_calibration (``get_parameters``, ``compute_goodenough``); P. Abeles, BoofCV
 (``ScoreCalibrationFill``, ``ScoreCalibrationGeometricDiversity``); Zhang (2000).
@@ -120,6 +123,7 @@ def geometry_score(corners: Float, object_points: Float, image_size: tuple[int, 
     Parameters
     ----------
     corners : ndarray of shape (V, N, 2)
+        Undistorted pixels.
     object_points : ndarray of shape (N, 3)
         A flat board's points; z is ignored.
     image_size : tuple of (width, height)
@@ -141,7 +145,15 @@ def geometry_score(corners: Float, object_points: Float, image_size: tuple[int, 
         rows += [v12, v11 - v22]
     values = np.sort(np.linalg.svd(np.array(rows), compute_uv=False))
     values = np.concatenate([np.zeros(6 - len(values)), values])
-    return float(min(1.0, values[1] / max(values[2], 1e-300) / 0.2))
+    if values[2] < 0.01 * values[5]:
+        return 0.0
+    return float(min(1.0, values[1] / values[2] / 0.2))
+
+
+def _undistorted(camera: Any, corners: Float) -> Float:
+    """Corners as an ideal camera draws them, without the views in which one cannot be undone."""
+    flat = np.asarray(camera.undistort_points(corners.reshape(-1, 2))).reshape(corners.shape)
+    return flat[np.isfinite(flat).all(axis=(1, 2))]
 
 
 def _zhang_row(a: Float, b: Float) -> Float:
@@ -179,7 +191,10 @@ def examine_data(evidence: Evidence, pairs: Sequence[Mapping[str, Any]], images:
     parameters = {side: view_parameters(corners, evidence.columns, size) for side, corners in sides.items()}
     ranges = {side: parameter_ranges(p) for side, p in parameters.items()}
     cells = {side: seen_cells(corners.reshape(-1, 2), size) for side, corners in sides.items()}
-    scores = {side: geometry_score(c, evidence.object_points, size) for side, c in sides.items()}
+    cameras = {"left": evidence.rig.left, "right": evidence.rig.right}
+    scores = {
+        side: geometry_score(_undistorted(cameras[side], c), evidence.object_points, size) for side, c in sides.items()
+    }
     tilts = view_tilts(evidence)
     advice = photographs_to_add(evidence, tilts)
     verdicts = _judge_data(evidence, pairs, ranges, cells, scores, tilts, advice)

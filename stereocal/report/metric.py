@@ -1,7 +1,7 @@
 """Block 6, metric: does the rig measure the board as it is?
 
 Every pair of corners is triangulated from its two pixels alone, without the fitted pose, and the board that comes out
-is measured: the side of its squares (mean, spread, bias), how flat it is, and, if all views bend the same way, its
+is measured: its scale, the side of its squares, how flat it is, and, if all views bend the same way, its
 shape.
 
 **Squares used in the fit cannot validate absolute scale.** The fit put the squares' size into T, so the mean square
@@ -55,6 +55,19 @@ def square_sides(points: Float, columns: int, rows: int) -> Float:
     return np.concatenate([across, down], axis=1)
 
 
+def board_scales(points: Float, object_points: Float) -> Float:
+    """Scale of each triangulated board against the board itself: (V, N, 3) → (V,).
+
+    Each board is turned onto its own model (Kabsch) and compared along the model: s = Σ (R X)·Y / Σ‖X‖². Noise enters
+    linearly, so that it averages out; the mean length of the sides would not do: noise makes every side longer.
+    """
+    X = object_points - object_points.mean(axis=0)
+    Y = points - points.mean(axis=1, keepdims=True)
+    U, _, Wt = np.linalg.svd(np.einsum("nj,vni->vij", X, Y))
+    U[..., 2] *= np.sign(np.linalg.det(U @ Wt))[:, None]
+    return np.asarray(np.einsum("vni,vij,nj->v", Y, U @ Wt, X) / np.sum(X**2))
+
+
 def plane_distances(points: Float) -> Float:
     """Distance of each point from the plane through its own board: (V, N, 3) → (V, N)."""
     centred = points - points.mean(axis=1, keepdims=True)
@@ -84,15 +97,16 @@ def examine_metric(
     points = points[whole]
     size, unit = evidence.square_size, evidence.unit
     sides = square_sides(points, evidence.columns, evidence.rows)
-    bias = 100 * (float(sides.mean()) / size - 1)
+    scales = board_scales(points, evidence.object_points)
+    bias = 100 * (float(scales.mean()) - 1)
     flat = plane_distances(points)
     plane_rms = float(np.sqrt(np.mean(flat**2)))
     f, baseline = float(evidence.rig.left.K[0, 0]), float(evidence.rig.baseline)
     sigma_depth = points[..., 2] ** 2 * np.sqrt(2) * evidence.noise / (f * baseline)
     plane_sigma = float(np.sqrt(float(np.mean(sigma_depth**2))))
     verdicts = [
-        judge("metric", "square_bias", abs(bias), "Mean triangulated square against its size. It cannot validate "
-              "absolute scale: the fit has used the same squares.",
+        judge("metric", "square_bias", abs(bias), "Mean scale of the triangulated boards against the board's own. It "
+              "cannot validate absolute scale: the fit has used the same squares.",
               cause="The geometry of the two cameras contradicts the board's.",
               action="See the fit and the epipolar block."),
         judge("metric", "plane", plane_rms / max(plane_sigma, 1e-300),
@@ -119,25 +133,35 @@ def examine_metric(
         )  # fmt: skip
     near, far = (float(z) for z in np.percentile(evidence.points_left[..., 2].mean(axis=1), (25, 75)))
     facts = {
-        "square_mean": float(sides.mean()), "square_sd": float(sides.std()), "square_bias_percent": bias,
+        "square_mean": float(sides.mean()), "square_sd": float(sides.std()), "scale_bias_percent": bias,
+        "scale_sd_percent": 100 * float(scales.std()),
         "plane_rms": plane_rms, "plane_rms_expected": plane_sigma, "distance_quartiles": [near, far],
         "board_bend_rms": None if bend is None else bend.rms,
         "board_heights": None if bend is None else bend.heights.tolist(),
         "board_bend_f": None if bend is None else bend.f_statistic,
         "known_distances": [{"measured": found, "true": true} for found, true in measured],
     }  # fmt: skip
+    scale = f"{100 + bias:.2f} ± {100 * float(scales.std()):.2f} %"
+    side = f"{sides.mean():.4g} ± {sides.std():.2g} {unit}"
     lead = (
-        f"Triangulated squares measure {sides.mean():.4g} ± {sides.std():.2g} {unit} (size {size:g}); boards are flat "
-        f"to {plane_rms:.3g} {unit} RMS, where corner noise alone gives {plane_sigma:.3g}. Squares used in the fit "
-        "cannot validate absolute scale: measure a known distance for that."
+        f"Triangulated boards come out at {scale} of their size, single squares at {side} (size {size:g}); boards are "
+        f"flat to {plane_rms:.3g} {unit} RMS, where corner noise alone gives {plane_sigma:.3g}. Squares used in the "
+        "fit cannot validate absolute scale: measure a known distance for that."
     )
     rows = tuple(
-        (name, f"{s.mean():.5g}", f"{s.std():.2g}", f"{float(np.sqrt(np.mean(d**2))):.3g}", f"{p[:, 2].mean():.4g}")
-        for name, s, d, p in zip(np.array(evidence.names)[whole], sides, flat, points, strict=True)
+        (
+            name,
+            f"{100 * k:.2f} %",
+            f"{s.mean():.5g}",
+            f"{s.std():.2g}",
+            f"{float(np.sqrt(np.mean(d**2))):.3g}",
+            f"{p[:, 2].mean():.4g}",
+        )
+        for name, k, s, d, p in zip(np.array(evidence.names)[whole], scales, sides, flat, points, strict=True)
     )
     table = Table(
         f"Each board, triangulated ({unit})",
-        ("pair", "mean square", "sd", "off its plane, RMS", "distance"),
+        ("pair", "scale", "mean square", "sd", "off its plane, RMS", "distance"),
         rows,
         True,
     )

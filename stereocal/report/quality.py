@@ -34,6 +34,7 @@ from stereocal.report.held_out import HeldOut, examine_generalisation, hold_out
 from stereocal.report.metric import examine_metric
 from stereocal.report.parameters import examine_parameters
 from stereocal.report.rectified import examine_epipolar, rectify_corners
+from stereocal.report.scene import examine_scene
 from stereocal.report.style import to_png
 from stereocal.report.verdicts import Block, Grade, Picture, Verdict, spell, worst
 
@@ -180,6 +181,8 @@ def evaluate_calibration(
     refit: Refit | None = None,
     known_distances: Sequence[tuple[Any, Any, float]] = (),
     disparity_noise: float | None = None,
+    scene: tuple[Any, Any] | None = None,
+    scene_sweep: Any = None,
     folds: int = 5,
     seed: int = 0,
     unit: str | None = None,
@@ -213,6 +216,10 @@ def evaluate_calibration(
         only check of absolute scale.
     disparity_noise : float, optional
         σ of the disparities that depth will be made from, pixels; by default 0.25.
+    scene : (left, right), optional
+        Photographs of a scene, as taken: adds the disparity block.
+    scene_sweep : SweepTable, optional
+        The paper's sweep of that scene, rectified: adds its figures.
     folds : int
         Folds of the cross-validation.
     seed : int
@@ -257,7 +264,7 @@ def evaluate_calibration(
     free = np.asarray(calibration.std) > 0
     bend = free_the_board(evidence, free) if evidence.view_count >= _LEAST_VIEWS_TO_HOLD_OUT else None
     halves = compare_halves(evidence, refit, seed=seed) if evidence.view_count >= _LEAST_VIEWS_TO_HALVE else None
-    blocks = (
+    blocks: tuple[Block, ...] = (
         examine_generalisation(evidence, held, halves, fit.facts["rms"]["joint"]["opencv"]),
         examine_depth(evidence, np.asarray(calibration.covariance), bend, disparity_noise=disparity_noise),
         examine_data(evidence, entries, images),
@@ -266,6 +273,8 @@ def evaluate_calibration(
         examine_epipolar(evidence.left.reshape(-1, 2), epipolar.ravel(), size, held_out=seen_by_none),
         examine_metric(evidence, bend, known_distances),
     )
+    if scene is not None:
+        blocks = (*blocks, examine_scene(evidence.rig, *scene, sweep=scene_sweep))
     return QualityReport(title, blocks, evidence.rig, label, _rig_pictures(evidence, calibration))
 
 

@@ -8,10 +8,6 @@ matchings.
 Three figures stand beside the paper's count, because the count alone misleads (see
 :mod:`stereocal.sweep.disparity_sweep`): the number of pixels that *can* have a disparity, the share of the answers that
 the right image confirms, and, where the truth is known, the share that is wrong.
-
-The right image's own disparity comes from matching the mirrored pair with its sides exchanged: if left pixel x matches
-right pixel x − d, then in the mirror (x → W − 1 − x) the right image's pixel matches one d to its left, which is what a
-matcher of the left image finds.
 """
 
 from __future__ import annotations
@@ -25,6 +21,7 @@ from numpy.typing import NDArray
 from stereocal.reconstruction.block_matching import match_bm, valid_region
 from stereocal.reconstruction.sad import match_sad, matched_region
 from stereocal.reconstruction.speckles import speckle_sizes as island_sizes
+from stereocal.report.left_right import confirmed_pixels, mirror
 
 Image = NDArray[np.uint8]
 
@@ -146,25 +143,6 @@ def match(left: Image, right: Image, block_size: int, settings: SweepSettings) -
         block_size=block_size, texture_threshold=settings.texture_threshold,
         uniqueness_ratio=settings.uniqueness_ratio, threads=1,
     )  # fmt: skip
-
-
-def mirror(image: Image) -> Image:
-    """The image seen in a mirror, x → W − 1 − x."""
-    return np.ascontiguousarray(image[:, ::-1])
-
-
-def confirmed_pixels(
-    disparity: NDArray[np.float32], right_disparity: NDArray[np.float32], tolerance: float = 1.0
-) -> NDArray[np.bool_]:
-    """Left pixels whose match in the right image has the same disparity within `tolerance`."""
-    y, x = np.nonzero(np.isfinite(disparity))
-    d = disparity[y, x]
-    at = np.rint(x - d).astype(np.int64)
-    inside = (at >= 0) & (at < disparity.shape[1])
-    confirmed = np.zeros(disparity.shape, dtype=bool)
-    back = right_disparity[y[inside], at[inside]]
-    confirmed[y[inside], x[inside]] = np.abs(back - d[inside]) <= tolerance  # NaN compares as False
-    return confirmed
 
 
 def computable_pixels(shape: tuple[int, ...], block_size: int, settings: SweepSettings) -> int:
