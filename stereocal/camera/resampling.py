@@ -55,7 +55,7 @@ def remap(
     Parameters
     ----------
     image : array_like of shape (H, W) or (H, W, C), C from 1 to 4
-        uint8, uint16, float32 or float64.
+        uint8, uint16, float32 or float64 (which may hold NaN: it spreads to the pixels that blend with it).
     map_x, map_y : array_like of shape (h, w), float32
         Places in the image, pixels; the centre of the upper left one is (0, 0). NaN counts as outside.
     interpolation : {"bilinear", "nearest", "bicubic"}
@@ -81,7 +81,7 @@ def remap(
     uint8, uint16 and float32 (on processors with fused multiply-add, for which OpenCV's kernels are built). OpenCV 4
     rounds the map to 1/32 px: equal to within 1 of 255 where the map holds multiples of 1/32.
     """
-    source = as_image(image, channels=(1, 2, 3, 4))
+    source = _as_samples(image)
     mx, my = (np.ascontiguousarray(m, dtype=np.float32) for m in (map_x, map_y))
     if mx.shape != my.shape or mx.ndim != 2:
         raise InputError(f"map_x and map_y must be two (h, w) arrays of one shape, not {mx.shape} and {my.shape}")
@@ -99,6 +99,16 @@ def remap(
     return out.reshape(mx.shape + source.shape[2:])
 
 
+def _as_samples(image: ArrayLike) -> Image:
+    """Return a contiguous image; unlike other functions' images it may hold NaN, as disparity and depth maps do."""
+    array = np.asarray(image)
+    if array.dtype not in (np.float32, np.float64):
+        return as_image(array, channels=(1, 2, 3, 4))
+    if array.ndim not in (2, 3) or array.size == 0 or (array.ndim == 3 and array.shape[2] > 4):
+        raise InputError(f"image must be (H, W) or (H, W, C) with 1 to 4 channels, but is {array.shape}")
+    return np.ascontiguousarray(array[:, :, 0] if array.ndim == 3 and array.shape[2] == 1 else array)
+
+
 def _run_kernel(interpolation: str, samples: Image, mx: Image, my: Image, border: Image, out: Image) -> None:
     from stereocal.camera import resampling_kernels as kernels
 
@@ -106,19 +116,22 @@ def _run_kernel(interpolation: str, samples: Image, mx: Image, my: Image, border
     magic = np.float32(1.5 * 2**23 if whole else 0)
     if interpolation == "nearest":
         kernels.remap_nearest(samples, mx, my, border.astype(samples.dtype), out)
-    elif interpolation == "bicubic":
-        top = np.float32(np.iinfo(samples.dtype).max if whole else np.inf)
-        low = np.float32(0 if whole else -np.inf)
-        kernels.remap_bicubic(samples, mx, my, np.float32(SHARPNESS), border, low, top, magic, out)
-    elif samples.shape[2] == 3:
+    elif interpolation == "bilinear" and samples.shape[2] == 3:
         kernels.remap_bilinear_colour(samples, mx, my, border, magic, out)
     else:
+        top = np.float32(np.iinfo(samples.dtype).max if whole else np.inf)
+        low = np.float32(0 if whole else -np.inf)
         for c in range(samples.shape[2]):
-            plane = np.empty((*mx.shape, 1), samples.dtype)
-            kernels.remap_bilinear_grey(
-                np.ascontiguousarray(samples[:, :, c : c + 1]), mx, my, border[c : c + 1], magic, plane
-            )
-            out[:, :, c] = plane[:, :, 0]
+            single = samples.shape[2] == 1
+            source = samples if single else np.ascontiguousarray(samples[:, :, c : c + 1])
+            plane = out if single else np.empty((*mx.shape, 1), samples.dtype)
+            if interpolation == "bilinear":
+                kernels.remap_bilinear_grey(source, mx, my, border[c : c + 1], magic, plane)
+            else:
+                sharpness = np.float32(SHARPNESS)
+                kernels.remap_bicubic_grey(source, mx, my, sharpness, border[c : c + 1], low, top, magic, plane)
+            if not single:
+                out[:, :, c] = plane[:, :, 0]
 
 
 def _border_samples(border_value: float | ArrayLike, samples: Image) -> Image:

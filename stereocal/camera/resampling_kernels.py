@@ -163,47 +163,106 @@ def remap_bilinear_colour(image, map_x, map_y, border_value, magic, out):
 def remap_nearest(image, map_x, map_y, border_value, out):
     """The sample at the rounded place (ties to even), for any number of channels."""
     height, width, channels = image.shape
+    columns = out.shape[1]
+    samples = image.reshape(-1)
+    offset = np.empty(columns, np.int32)
+    magic, zero = np.float32(1.5 * 2**23), np.float32(0)
+    last_x, last_y = np.float32(width - 1), np.float32(height - 1)
     for i in range(out.shape[0]):
-        for j in range(out.shape[1]):
-            x, y = np.rint(map_x[i, j]), np.rint(map_y[i, j])
-            if x >= 0 and y >= 0 and x < width and y < height:
+        line_x, line_y = map_x[i], map_y[i]
+        for j in range(columns):
+            x, y = (line_x[j] + magic) - magic, (line_y[j] + magic) - magic
+            within = (x >= zero) & (y >= zero) & (x <= last_x) & (y <= last_y)
+            place = np.int32(y if within else zero) * np.int32(width) + np.int32(x if within else zero)
+            offset[j] = place if within else np.int32(-1)
+        row = out[i].reshape(-1)
+        if channels == 1:
+            for j in range(columns):
+                at = offset[j]
+                row[j] = samples[at] if at >= 0 else border_value[0]
+        else:
+            for j in range(columns):
+                at = offset[j]
                 for c in range(channels):
-                    out[i, j, c] = image[int(y), int(x), c]
-            else:
-                for c in range(channels):
-                    out[i, j, c] = border_value[c]
+                    row[j * channels + c] = samples[at * channels + c] if at >= 0 else border_value[c]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def remap_bicubic(image, map_x, map_y, sharpness, border_value, lowest, highest, magic, out):
-    """Keys' cubic convolution over 4 x 4 samples, clipped to [lowest, highest], for any number of channels."""
-    height, width, channels = image.shape
+def _keys_row(fraction, sharpness, weights):
+    """Keys' four weights of a row of fractions, one array a tap."""
     one, two, three = np.float32(1), np.float32(2), np.float32(3)
     four, five, eight = np.float32(4), np.float32(5), np.float32(8)
-    wx, wy = np.empty(4, np.float32), np.empty(4, np.float32)
+    w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
+    for j in range(len(fraction)):
+        t = fraction[j]
+        far, near = t + one, one - t
+        w0[j] = ((sharpness * far - five * sharpness) * far + eight * sharpness) * far - four * sharpness
+        w1[j] = ((sharpness + two) * t - (sharpness + three)) * t * t + one
+        w2[j] = ((sharpness + two) * near - (sharpness + three)) * near * near + one
+    for j in range(len(fraction)):
+        w3[j] = one - w0[j] - w1[j] - w2[j]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _cubic_at_border(image, x, y, wx, wy, border_value):
+    """A pixel whose sixteen neighbours are not all within the image."""
+    if not (x >= -3 and y >= -3 and x <= image.shape[1] + 1 and y <= image.shape[0] + 1):
+        return border_value
+    left, top = int(np.floor(x)) - 1, int(np.floor(y)) - 1
+    total = np.float32(0)
+    for m in range(4):
+        line = np.float32(0)
+        for n in range(4):
+            line += wx[n] * _tap(image, top + m, left + n, 0, border_value)
+        total += wy[m] * line
+    return total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def remap_bicubic_grey(image, map_x, map_y, sharpness, border_value, lowest, highest, magic, out):
+    """Keys' cubic convolution of an (H, W, 1) image over 4 x 4 samples, clipped to [lowest, highest]."""
+    height, width = image.shape[0], image.shape[1]
+    columns = out.shape[1]
+    samples = image.reshape(-1)
+    a, b = np.empty(columns, np.float32), np.empty(columns, np.float32)
+    wx, wy = np.empty((4, columns), np.float32), np.empty((4, columns), np.float32)
+    offset, outside = np.empty(columns, np.int32), np.empty(columns, np.int64)
+    taps = np.empty((4, 4 * columns), image.dtype)
+    total = np.empty(columns, np.float32)
+    zero, one = np.float32(0), np.float32(1)
+    last_x, last_y = np.float32(width - 3), np.float32(height - 3)
     for i in range(out.shape[0]):
-        for j in range(out.shape[1]):
-            x0, y0 = np.floor(map_x[i, j]), np.floor(map_y[i, j])
-            if not (x0 >= -3 and y0 >= -3 and x0 <= width + 1 and y0 <= height + 1):
-                for c in range(channels):
-                    out[i, j, c] = border_value[c]
-                continue
-            for w, t in ((wx, map_x[i, j] - x0), (wy, map_y[i, j] - y0)):
-                far, near = t + one, one - t
-                w[0] = ((sharpness * far - five * sharpness) * far + eight * sharpness) * far - four * sharpness
-                w[1] = ((sharpness + two) * t - (sharpness + three)) * t * t + one
-                w[2] = ((sharpness + two) * near - (sharpness + three)) * near * near + one
-                w[3] = one - w[0] - w[1] - w[2]
-            left, top = int(x0) - 1, int(y0) - 1
-            inside = left >= 0 and top >= 0 and left + 3 < width and top + 3 < height
-            for c in range(channels):
-                total = np.float32(0)
+        line_x, line_y = map_x[i], map_y[i]
+        for j in range(columns):
+            x0, y0 = np.floor(line_x[j]), np.floor(line_y[j])
+            a[j] = line_x[j] - x0
+            b[j] = line_y[j] - y0
+            within = (x0 >= one) & (y0 >= one) & (x0 <= last_x) & (y0 <= last_y)
+            place = np.int32(y0 - one if within else zero) * np.int32(width) + np.int32(x0 - one if within else zero)
+            offset[j] = place if within else np.int32(-1)
+        _keys_row(a, sharpness, wx)
+        _keys_row(b, sharpness, wy)
+        count = 0
+        for j in range(columns):
+            at = offset[j]
+            if at >= 0:
                 for m in range(4):
-                    line = np.float32(0)
-                    for n in range(4):
-                        if inside:
-                            line += wx[n] * np.float32(image[top + m, left + n, c])
-                        else:
-                            line += wx[n] * _tap(image, top + m, left + n, c, border_value[c])
-                    total += wy[m] * line
-                out[i, j, c] = (min(max(total, lowest), highest) + magic) - magic
+                    _copy(4, taps[m], 4 * j, samples, at + m * width)
+            else:
+                outside[count] = j
+                count += 1
+        total[:] = zero
+        for m in range(4):
+            line, weight = taps[m], wy[m]
+            w0, w1, w2, w3 = wx[0], wx[1], wx[2], wx[3]
+            for j in range(columns):
+                p = w0[j] * np.float32(line[4 * j]) + w1[j] * np.float32(line[4 * j + 1])
+                p += w2[j] * np.float32(line[4 * j + 2]) + w3[j] * np.float32(line[4 * j + 3])
+                total[j] += weight[j] * p
+        row = out[i].reshape(-1)
+        for j in range(columns):
+            row[j] = (min(max(total[j], lowest), highest) + magic) - magic
+        for n in range(count):
+            j = outside[n]
+            value = _cubic_at_border(image, line_x[j], line_y[j], wx[:, j], wy[:, j], border_value[0])
+            row[j] = (min(max(value, lowest), highest) + magic) - magic

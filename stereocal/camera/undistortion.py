@@ -138,8 +138,10 @@ def undistortion_maps(
         from stereocal.camera import undistortion_kernels as kernels
 
         f = float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])
-        if np.any(k[5:]):
-            kernels.family_maps(B.ravel(), k, tilt_matrix(k[12], k[13]).ravel(), *f, map_x, map_y)
+        if np.any(k[12:]):
+            kernels.tilted_maps(B.ravel(), k, tilt_matrix(k[12], k[13]).ravel(), *f, map_x, map_y)
+        elif np.any(k[5:]):
+            kernels.rational_maps(B.ravel(), k, *f, map_x, map_y)
         else:
             kernels.brown_maps(B.ravel(), k, *f, map_x, map_y)
         return map_x, map_y

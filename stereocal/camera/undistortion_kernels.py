@@ -89,26 +89,46 @@ def brown_maps(B, k, fx, fy, cx, cy, map_x, map_y):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def family_maps(B, k, tilt, fx, fy, cx, cy, map_x, map_y):
-    """Maps of all fourteen coefficients; `tilt` is the sensor's homography."""
+def rational_maps(B, k, fx, fy, cx, cy, map_x, map_y):
+    """Maps of the first twelve coefficients: rational radial factor, thin prism."""
     height, width = map_x.shape
     room = (width + 7) // 8 * 8
     X, Y, W = np.empty(room), np.empty(room), np.empty(room)
-    k1, k2, p1, p2, k3, k4, k5, k6 = k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7]
-    s1, s2, s3, s4 = k[8], k[9], k[10], k[11]
+    k1, k2, k3, k4, k5, k6 = k[0], k[1], k[4], k[5], k[6], k[7]
+    # x_d = x g + r² (p₂ + s₁ + s₂ r²), y_d = y g + r² (p₁ + s₃ + s₄ r²)
+    twice_p1, twice_p2, near_x, near_y, far_x, far_y = 2 * k[2], 2 * k[3], k[3] + k[8], k[2] + k[10], k[9], k[11]
     for v in range(height):
         _lay_ramps(B, v, width, X, Y, W)
         row_x, row_y = map_x[v], map_y[v]
         for j in range(width):
             s = 1.0 / W[j]
             x, y = X[j] * s, Y[j] * s
-            xx, yy, xy = x * x, y * y, 2.0 * x * y
-            r2 = xx + yy
+            r2 = x * x + y * y
             radial = _fma(_fma(_fma(k3, r2, k2), r2, k1), r2, 1.0) / _fma(_fma(_fma(k6, r2, k5), r2, k4), r2, 1.0)
-            xd = _fma(p1, xy, _fma(_fma(2.0, xx, r2), p2, x * radial))
-            yd = _fma(p2, xy, _fma(_fma(2.0, yy, r2), p1, y * radial))
-            xd = _fma(s1, r2, _fma(s2, r2 * r2, xd))
-            yd = _fma(s3, r2, _fma(s4, r2 * r2, yd))
+            g = _fma(twice_p2, x, _fma(twice_p1, y, radial))
+            row_x[j] = np.float32(_fma(fx, _fma(x, g, r2 * _fma(far_x, r2, near_x)), cx))
+            row_y[j] = np.float32(_fma(fy, _fma(y, g, r2 * _fma(far_y, r2, near_y)), cy))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def tilted_maps(B, k, tilt, fx, fy, cx, cy, map_x, map_y):
+    """Maps of all fourteen coefficients; `tilt` is the sensor's homography."""
+    height, width = map_x.shape
+    room = (width + 7) // 8 * 8
+    X, Y, W = np.empty(room), np.empty(room), np.empty(room)
+    k1, k2, k3, k4, k5, k6 = k[0], k[1], k[4], k[5], k[6], k[7]
+    twice_p1, twice_p2, near_x, near_y, far_x, far_y = 2 * k[2], 2 * k[3], k[3] + k[8], k[2] + k[10], k[9], k[11]
+    for v in range(height):
+        _lay_ramps(B, v, width, X, Y, W)
+        row_x, row_y = map_x[v], map_y[v]
+        for j in range(width):
+            s = 1.0 / W[j]
+            x, y = X[j] * s, Y[j] * s
+            r2 = x * x + y * y
+            radial = _fma(_fma(_fma(k3, r2, k2), r2, k1), r2, 1.0) / _fma(_fma(_fma(k6, r2, k5), r2, k4), r2, 1.0)
+            g = _fma(twice_p2, x, _fma(twice_p1, y, radial))
+            xd = _fma(x, g, r2 * _fma(far_x, r2, near_x))
+            yd = _fma(y, g, r2 * _fma(far_y, r2, near_y))
             w = 1.0 / _fma(tilt[6], xd, _fma(tilt[7], yd, tilt[8]))
             row_x[j] = np.float32(_fma(fx * w, _fma(tilt[0], xd, _fma(tilt[1], yd, tilt[2])), cx))
             row_y[j] = np.float32(_fma(fy * w, _fma(tilt[3], xd, _fma(tilt[4], yd, tilt[5])), cy))

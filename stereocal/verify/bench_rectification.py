@@ -37,7 +37,8 @@ def cases() -> list[BenchCase]:
 def _camera(lens: str, size: tuple[int, int]) -> Camera:
     width, height = size
     f = 0.8 * width
-    return Camera([[f, 0, width / 2 + 3], [0, 1.01 * f, height / 2 - 4], [0, 0, 1]], _LENSES[lens], size, lens)
+    K = np.array([[f, 0, width / 2 + 3], [0, 1.01 * f, height / 2 - 4], [0, 0, 1]])
+    return Camera(K, _LENSES[lens], size, lens)
 
 
 def _maps(lens: str, size: tuple[int, int]) -> BenchCase:
