@@ -331,3 +331,23 @@ def where_at_most(typingctx, a, b, then, otherwise):
         return _by_chunk(builder, lambda p, q, r, s: builder.select(builder.icmp_unsigned("<=", p, q), r, s), *args)
 
     return then(a, b, then, otherwise), codegen
+
+
+@intrinsic
+def lowest_bit(typingctx, word):
+    """The position of the lowest bit that is set in an uint64; 64 if none is."""
+
+    def codegen(context, builder, signature, args):
+        return _call(builder, "llvm.cttz.i64", ir.IntType(64), args[0], ir.Constant(ir.IntType(1), 0))
+
+    return types.int64(types.uint64), codegen
+
+
+@intrinsic
+def count_bits(typingctx, word):
+    """How many bits are set in an uint64."""
+
+    def codegen(context, builder, signature, args):
+        return _call(builder, "llvm.ctpop.i64", ir.IntType(64), args[0])
+
+    return types.int64(types.uint64), codegen
