@@ -164,12 +164,13 @@ def cost_row(
     zero = load(inside, 0, lanes)
     zero = zero - zero
     limit = fill(cap, zero)
+    left_code, left_level = left_codes[:, y], left_levels[:, y]
     for x in range(width):
         there = start - x
         differing = zero
         for plane in range(len(left_codes)):
             candidates = load(codes, (plane * height + y) * stride + there, lanes)
-            differing = differing + count_differing_bits(fill(left_codes[plane, y, x], zero), candidates)
+            differing = differing + count_differing_bits(fill(left_code[plane, x], zero), candidates)
         cost = differing
         for _ in range(1, census_weight):
             cost = cost + differing
@@ -177,8 +178,8 @@ def cost_row(
             at = y * stride + there
             value, low = load(levels, at, lanes), load(levels, height * stride + at, lanes)
             high = load(levels, 2 * height * stride + at, lanes)
-            l_value = fill(left_levels[0, y, x], zero)
-            l_low, l_high = fill(left_levels[1, y, x], zero), fill(left_levels[2, y, x], zero)
+            l_value = fill(left_level[0, x], zero)
+            l_low, l_high = fill(left_level[1, x], zero), fill(left_level[2, x], zero)
             to_right = maximum(subtract_saturated(l_value, high), subtract_saturated(low, l_value))
             to_left = maximum(subtract_saturated(value, l_high), subtract_saturated(l_low, value))
             cost = cost + minimum(minimum(to_right, to_left), limit)
