@@ -17,6 +17,7 @@ from stereocal.base.errors import InputError
 Float = NDArray[np.float64]
 """An array of float64: every geometric quantity of the library."""
 
+_IDENTITY = np.eye(3)
 IMAGE_DTYPES = (np.uint8, np.uint16, np.float32, np.float64)
 
 
@@ -76,7 +77,7 @@ def as_points(points: ArrayLike, dimension: int, name: str, *, minimum: int = 0,
 def as_camera_matrix(K: ArrayLike, name: str = "K") -> Float:
     """Return a 3x3 camera matrix [[fx, s, cx], [0, fy, cy], [0, 0, 1]] with positive focal lengths."""
     matrix = as_array(K, (3, 3), name)
-    if not np.allclose(matrix[2], (0, 0, 1)) or matrix[1, 0] != 0:
+    if np.abs(matrix[2] - _IDENTITY[2]).max() > 1e-8 or matrix[1, 0] != 0:
         raise InputError(f"{name} must be upper triangular with a last row of 0 0 1, but is {matrix.tolist()}")
     if matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
         raise InputError(f"{name} must have positive focal lengths, but has {matrix[0, 0]:g} and {matrix[1, 1]:g}")
@@ -86,7 +87,8 @@ def as_camera_matrix(K: ArrayLike, name: str = "K") -> Float:
 def as_rotation(R: ArrayLike, name: str = "R") -> Float:
     """Return a 3x3 rotation matrix: orthonormal to 1e-6, determinant +1."""
     matrix = as_array(R, (3, 3), name)
-    if not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-6) or np.linalg.det(matrix) < 0:
+    # plain comparisons: numpy.allclose would cost more than some of the functions that call this
+    if np.abs(matrix @ matrix.T - _IDENTITY).max() > 1e-6 or matrix[0] @ np.cross(matrix[1], matrix[2]) < 0:
         raise InputError(f"{name} must be a rotation matrix (orthonormal, determinant +1)")
     return matrix
 

@@ -90,6 +90,7 @@ def undistortion_maps(
     model: str = "brown",
     out_size: Any = None,
     backend: str = "numba",
+    out: tuple[Map, Map] | None = None,
 ) -> tuple[Map, Map]:
     """For each pixel of the undistorted picture, its place in the photograph: K x_d((P R)⁻¹ (u, v, 1)ᵀ; k).
 
@@ -111,6 +112,8 @@ def undistortion_maps(
         Width and height of the new picture.
     backend : {"numba", "numpy"}
         The kernel (OpenCV's family of lenses without skew), or the readable reference, which takes every model.
+    out : tuple of two ndarrays of shape (height, width), float32, optional
+        Where to write the maps: fresh memory costs more time than the maps themselves.
 
     Returns
     -------
@@ -132,8 +135,9 @@ def undistortion_maps(
     require_choice(backend, ("numba", "numpy"), "backend")
     k = opencv_coefficients(dist, model)
     B = inverse_of_new_camera(K if P is None else _left_square(P), np.eye(3) if R is None else as_rotation(R))
-    map_x = np.empty((height, width), dtype=np.float32)
-    map_y = np.empty((height, width), dtype=np.float32)
+    map_x, map_y = (np.empty((height, width), np.float32) for _ in range(2)) if out is None else out
+    if any(m.shape != (height, width) or m.dtype != np.float32 or not m.flags.c_contiguous for m in (map_x, map_y)):
+        raise InputError(f"out must be two contiguous float32 arrays of shape ({height}, {width})")
     if backend == "numba" and k is not None and K[0, 1] == 0:
         from stereocal.camera import undistortion_kernels as kernels
 
@@ -321,12 +325,13 @@ def inverse_of_new_camera(P: Float, R: Float) -> Float:
     InputError
         If P has no inverse.
     """
-    m = np.array([[P[i, 0] * R[0, j] + P[i, 1] * R[1, j] + P[i, 2] * R[2, j] for j in range(3)] for i in range(3)])
+    p, r = P.tolist(), R.tolist()  # Python's floats are quicker one by one, and the same numbers
+    m = [[p[i][0] * r[0][j] + p[i][1] * r[1][j] + p[i][2] * r[2][j] for j in range(3)] for i in range(3)]
 
     def minor(a: int, b: int, c: int, d: int) -> float:
-        return float(m[a, b] * m[c, d] - m[a, d] * m[c, b])
+        return m[a][b] * m[c][d] - m[a][d] * m[c][b]
 
-    determinant = m[0, 0] * minor(1, 1, 2, 2) - m[0, 1] * minor(1, 0, 2, 2) + m[0, 2] * minor(1, 0, 2, 1)
+    determinant = m[0][0] * minor(1, 1, 2, 2) - m[0][1] * minor(1, 0, 2, 2) + m[0][2] * minor(1, 0, 2, 1)
     if determinant == 0 or not np.isfinite(determinant):
         raise InputError("the new camera matrix P has no inverse; its focal lengths must not be 0")
     scale = 1 / determinant
