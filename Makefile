@@ -8,7 +8,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 OUT    ?= out/demo
 
-.PHONY: help demo test lint types unit format bench docs clean
+.PHONY: help demo test lint types unit book docs format bench clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -30,7 +30,7 @@ $(VENV)/.dev: $(VENV)/.made pyproject.toml
 demo: $(VENV)/.run
 	$(BIN)/stereocal demo --out $(OUT)
 
-test: lint types unit
+test: lint types unit book
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
@@ -43,6 +43,14 @@ types: $(VENV)/.dev
 unit: $(VENV)/.dev
 	$(BIN)/pytest -n auto
 
+# Notebooks are run by the tests; the book that CI builds shows them without output. `make docs` runs them as well.
+book: $(VENV)/.dev
+	STEREOCAL_DOCS_NOTEBOOKS=off $(BIN)/sphinx-build -q -W --keep-going -b html docs docs/_build/check
+
+docs: $(VENV)/.dev
+	$(BIN)/sphinx-build -W --keep-going -b html docs docs/_build/html
+	@echo "open docs/_build/html/index.html"
+
 format: $(VENV)/.dev
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
@@ -51,4 +59,4 @@ bench: $(VENV)/.dev
 	$(BIN)/pytest benchmarks --benchmark-only -p no:xdist
 
 clean:
-	rm -rf $(VENV) out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) out build dist docs/_build docs/_generated .mypy_cache .ruff_cache .pytest_cache .hypothesis

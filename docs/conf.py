@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
+import types
+import typing
 from pathlib import Path
 
 HERE = Path(__file__).parent
@@ -44,5 +46,24 @@ html_title = "stereocal"
 html_static_path = ["_static"]
 html_css_files = ["book.css"]
 html_theme_options = {"navigation_with_keys": True, "top_of_page_buttons": []}
+
+
+def tidy_docstring(app: object, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+    """Let essays be plain text: formulas stand indented, and |x| is a length, not a reStructuredText substitution."""
+    if what == "module":
+        lines[:] = generate.formulas_as_literals(lines)
+    lines[:] = [line if line.lstrip().startswith((">>>", "...")) else line.replace("|", "∣") for line in lines]
+
+
+def skip_type_aliases(app: object, what: str, name: str, obj: object, skip: bool, options: object) -> bool | None:
+    """Leave out aliases such as ``Float = NDArray[np.float64]``: they have no documentation of their own."""
+    return True if isinstance(obj, types.GenericAlias) or typing.get_origin(obj) is not None else None
+
+
+def setup(app: object) -> None:
+    """Connect the two hooks."""
+    app.connect("autodoc-process-docstring", tidy_docstring)  # type: ignore[attr-defined]
+    app.connect("autodoc-skip-member", skip_type_aliases)  # type: ignore[attr-defined]
+
 
 generate.write_all(HERE)

@@ -57,6 +57,20 @@ def _docstring(module: str) -> str:
     return ast.get_docstring(ast.parse(Path(spec.origin).read_text())) or ""
 
 
+def formulas_as_literals(lines: list[str]) -> list[str]:
+    """Turn indented paragraphs of an essay into literal blocks, so that formulas keep their lines and columns."""
+    out: list[str] = []
+    for line in lines:
+        begins = line.startswith("    ") and (not out or not out[-1].strip())
+        if begins:
+            before = next((text for text in reversed(out) if text.strip()), "")
+            continues = before.startswith((" ", "- ", "* ", ".. ", "=")) or re.match(r"\d+\. ", before)
+            if not continues and not before.endswith("::"):
+                out += ["::", ""]
+        out.append(line)
+    return out
+
+
 def _api_page(room: str, title: str) -> str:
     package = f"stereocal.{room}"
     folder = Path(stereocal.__path__[0]) / room

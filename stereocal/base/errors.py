@@ -3,12 +3,12 @@
 Every error of the library is a :class:`StereocalError`, so a program catches one type; the command line turns it
 into one sentence on stderr. Each message says what is wrong, with what (the file, the argument), and what to do.
 
-=============================  ======================================================
-:class:`InputError`            an argument is not what the function needs (a ValueError)
-:class:`DataFileError`         a file cannot be read, written or understood
+================================  =======================================================
+:class:`InputError`               an argument is not what the function needs (a ValueError)
+:class:`DataFileError`            a file cannot be read, written or understood
 :class:`DegenerateGeometryError`  the data is well formed, but does not determine the answer
-:class:`ConvergenceError`      a solver stopped without reaching an optimum
-=============================  ======================================================
+:class:`ConvergenceError`         a solver stopped without reaching an optimum
+================================  =======================================================
 """
 
 from __future__ import annotations
