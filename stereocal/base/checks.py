@@ -88,7 +88,7 @@ def as_rotation(R: ArrayLike, name: str = "R") -> Float:
     """Return a 3x3 rotation matrix: orthonormal to 1e-6, determinant +1."""
     matrix = as_array(R, (3, 3), name)
     # plain comparisons: numpy.allclose would cost more than some of the functions that call this
-    if np.abs(matrix @ matrix.T - _IDENTITY).max() > 1e-6 or matrix[0] @ np.cross(matrix[1], matrix[2]) < 0:
+    if np.abs(matrix @ matrix.T - _IDENTITY).max() > 1e-6 or np.linalg.det(matrix) < 0:
         raise InputError(f"{name} must be a rotation matrix (orthonormal, determinant +1)")
     return matrix
 
