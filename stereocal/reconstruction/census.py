@@ -144,7 +144,7 @@ def match_census(
     left_right_check : int, optional
         The largest difference, in pixels, to the right image's own best disparity; None does not check.
     uniqueness_ratio : int
-        Percent by which the best sum must undercut all others that are not its neighbours; 0 does not ask.
+        Percent by which the best sum must undercut all others that are not its neighbours; 0 refuses ties alone.
     threads : int, optional
         How many threads share the rows; the result does not depend on it. None takes all cores.
     backend : {"numba", "numpy"}

@@ -32,9 +32,9 @@ of the work and waits once; the sums are of whole numbers, and the same whoever 
 **Memory.** C and S of all pixels at all disparities are the textbook's burden: 3 H·W·D bytes here (C in 8 bits, S in
 16), 9 GB for 12 megapixels and D = 256. That is held up to :data:`VOLUME_BYTES`. Above, a sweep keeps its state (3 W·D
 bytes, the last row of its paths) at the border of each strip of √H rows, and the sums of the last strip alone. Coming
-back, the sums of a strip are made once more from the state kept there (A. Griewank's checkpoints, 1992). That is half as
-much work again, but the strips stay in the cache, and memory that is new to a process costs more than that. The memory
-is then about 9 √H·W·D bytes, 0.5 GB for those 12 megapixels.
+back, the sums of a strip are made once more from the state kept there (A. Griewank's checkpoints, 1992). That is half
+as much work again, but the strips stay in the cache, and memory that is new to a process costs more than that. The
+memory is then about 9 √H·W·D bytes, 0.5 GB for those 12 megapixels.
 
 Source: H. Hirschmüller, *Stereo processing by semiglobal matching and mutual information* (2008).
 """
@@ -118,7 +118,7 @@ def match_sgm(
     left_right_check : int, optional
         The largest difference, in pixels, to the right image's own best disparity; None does not check.
     uniqueness_ratio : int
-        Percent by which the best sum must undercut all others that are not its neighbours; 0 does not ask.
+        Percent by which the best sum must undercut all others that are not its neighbours; 0 refuses ties alone.
     speckle_size : int
         Islands of at most so many pixels are removed; 0 keeps them.
     speckle_range : float
@@ -144,6 +144,9 @@ def match_sgm(
     Answers to ``cv2.StereoSGBM`` (MODE_HH for 8 paths, MODE_SGBM for 5), which has another cost and other penalties:
     the two are compared by the truth of Middlebury scenes (``benchmarks/study_middlebury.py``), not pixel by pixel.
     The two backends are equal to the bit.
+
+    A blank region takes over the disparity of what surrounds it, however far: that is what the smoothness is for. It
+    also fills the black margin of a rectified image, so mask that by where the maps point outside the photograph.
     """
     require_choice(cost, COSTS, "cost")
     require_choice(backend, ("numba", "numpy"), "backend")

@@ -159,7 +159,7 @@ def select_row(
     count, min_disparity : int
         The disparities.
     uniqueness_ratio : int
-        u; 0 does not ask.
+        u.
     subpixel : bool
         Whether to fit the V.
     tolerance : int
@@ -194,12 +194,9 @@ def select_row(
             interior = 0 < i < count - 1
             below = np.int64(sums[at + max(i - 1, 0)])
             above = np.int64(sums[at + min(i + 1, count - 1)])
-            unique = True
-            if uniqueness_ratio > 0 and least > 0:
-                limit = min((100 * least - 1) // (100 - uniqueness_ratio), 65534)
-                beside = (1 if i > 0 and below <= limit else 0) + (1 if i < count - 1 and above <= limit else 0)
-                unique = count_at_most(S, limit) <= 1 + beside
-            if unique:
+            limit = min(max((100 * least - 1) // (100 - uniqueness_ratio), least), 65534)
+            beside = (1 if i > 0 and below <= limit else 0) + (1 if i < count - 1 and above <= limit else 0)
+            if count_at_most(S, limit) <= 1 + beside:  # no rival but the neighbours
                 d = np.float64(min_disparity + i)
                 rise = max(below, above) - least
                 if subpixel and interior and rise > 0:

@@ -2,7 +2,7 @@
 
 Given a cost S(x, y, d), whoever made it, the disparity of a pixel is the one of least cost,
 
-    d*(x, y) = argmin_d S(x, y, d)                                             (a tie goes to the smaller disparity),
+    d*(x, y) = argmin_d S(x, y, d)                                        (of two neighbours that tie, the smaller),
 
 refined to a fraction of a pixel by the two costs beside it. Costs that are sums of absolute values or of differing bits
 rise on both sides like a V, not like a parabola; the vertex of the V with two slopes of equal steepness through
@@ -15,7 +15,9 @@ S₋ = S(d* − 1), S₀, S₊ = S(d* + 1) is at
 Which disparities to believe:
 
 * **Outside.** The winner lies outside the right image: no answer.
-* **Uniqueness.** Another disparity, not a neighbour, costs less than S(d*) · 100 / (100 − u): no answer.
+* **Uniqueness.** Another disparity, not a neighbour, costs as little, or less than S(d*) · 100 / (100 − u): no answer.
+  With u = 0 that leaves the ties: a blank wall, or the black margin of a rectified image, looks the same at every
+  disparity.
 * **Left-right check.** The same costs seen from the right, d_R(x') = argmin_d S(x' + d, y, d), must agree. With f the
   disparity's floor or its ceiling: |d_R(x − f) − f| ≤ t for one of the two (and for one d_R, if several tie). What
   only the left camera sees has no partner that agrees, so this is what finds occlusions (P. Fua, 1993). OpenCV's
@@ -57,7 +59,7 @@ class Search:
     tolerance : int
         t of the left-right check; -1 does not check.
     uniqueness_ratio : int
-        u, percent; 0 does not ask.
+        u, percent.
     """
 
     num_disparities: int
@@ -116,10 +118,10 @@ def select(volume: NDArray[np.int64], search: Search) -> Disparity:
         disparity[fitted] += (below - above)[fitted] / (2.0 * rise[fitted])
     there = np.arange(width) - whole
     believed = (there >= 0) & (there < width)
-    if search.uniqueness_ratio > 0:
-        rivals = np.abs(np.arange(count) - winner[..., None]) > 1
-        close = volume * (100 - search.uniqueness_ratio) < 100 * least[..., None]
-        believed &= ~np.any(rivals & close, axis=2)
+    rivals = np.abs(np.arange(count) - winner[..., None]) > 1
+    close = volume * (100 - search.uniqueness_ratio) < 100 * least[..., None]
+    tied = volume == least[..., None]
+    believed &= ~np.any(rivals & (close | tied), axis=2)
     if search.tolerance >= 0:
         believed &= _right_image_agrees(volume, search, disparity.astype(np.float32))
     return np.where(believed, disparity, np.nan).astype(np.float32)

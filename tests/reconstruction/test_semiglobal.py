@@ -12,6 +12,7 @@ from strategies import seeds
 
 from stereocal.base.errors import InputError
 from stereocal.reconstruction import semiglobal
+from stereocal.reconstruction.census import match_census
 from stereocal.reconstruction.matching_costs import COST_MAX, COSTS, RECIPES
 from stereocal.reconstruction.semiglobal import DIRECTIONS, jump_penalties, match_sgm, path_costs, sum_paths
 from stereocal.reconstruction.winner import Search, select
@@ -204,10 +205,17 @@ def test_texture_on_one_side_carries_over_a_blank_patch() -> None:
     assert np.mean(np.abs(d[20:40, 80:100] - 9) < 0.5) > 0.99
 
 
-def test_winner_ties_go_to_the_smaller_disparity() -> None:
+def test_a_tie_of_neighbours_goes_to_the_smaller_and_any_other_has_no_answer() -> None:
     volume = np.full((1, 12, 4), 7, np.int64)
-    d = select(volume, Search(4, 0, False, -1, 0))
-    assert np.all(d == 0)
+    volume[..., 1:3] = 3
+    assert np.all(select(volume, Search(4, 0, False, -1, 0))[:, 1:] == 1)
+    volume[..., 3] = 3
+    assert np.isnan(select(volume, Search(4, 0, False, -1, 0))).all()
+
+
+def test_a_blank_image_has_no_answer_where_nothing_is_smoothed() -> None:
+    blank = np.full((30, 90), 77, np.uint8)
+    assert np.isnan(match_census(blank, blank, num_disparities=16)[:, 30:]).all()
 
 
 SGBM = {"P1": 8 * 25, "P2": 32 * 25, "disp12MaxDiff": 0, "preFilterCap": 0, "uniquenessRatio": 10}
