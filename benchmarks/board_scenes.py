@@ -1,8 +1,9 @@
 """Renders of chessboards with known truth, for the studies of the board room.
 
-Every pixel is the mean of the board's pattern over its area: the rays through the pixel's corners are found by inverting
-the lens exactly, interpolated inside the pixel (to 1e-7 of a ray), met with the board's plane, and looked up in the pattern.
-A pixel whose sub-samples could see two colours gets 16 x 16 samples, all others one. Then blur, light, noise, rounding.
+Every pixel is the mean of the board's pattern over its area: the rays through the pixel's corners are found by
+inverting the lens exactly, interpolated inside the pixel (to 1e-7 of a ray), met with the board's plane, and looked
+up in the pattern. A pixel whose sub-samples could see two colours gets 16 x 16 samples, all others one. Then blur,
+light, noise, rounding.
 """
 
 from __future__ import annotations
@@ -43,7 +44,8 @@ class Lens:
         r2 = x * x + y * y
         radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
         return np.stack(
-            [x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y], -1
+            [x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y],
+            -1,
         )
 
     def rays(self, points):
@@ -68,9 +70,9 @@ class Lens:
 @njit(cache=True)
 def _pattern(X, Y, columns, rows, margin, crop):
     """1 light, 0 dark, -1 off the board; square (0, 0) lies between the board's origin and (-1, -1)."""
-    if X < -1 - margin or Y < -1 - margin or X > columns + margin or Y > rows + margin:
+    if -1 - margin > X or -1 - margin > Y or columns + margin < X or rows + margin < Y:
         return -1.0
-    if X < -crop or Y < -1 or X > columns - 1 + crop or Y > rows:
+    if -crop > X or Y < -1 or columns - 1 + crop < X or rows < Y:
         return 1.0
     return 0.0 if (int(np.floor(X)) + int(np.floor(Y))) % 2 == 0 else 1.0
 
@@ -114,8 +116,23 @@ def _render(rays, R, t, columns, rows, margin, crop, samples, background, out):
 
 
 def render(
-    lens, image_size, R, t, inner_corners, *, blur=0.8, noise=1.0, light=200.0, dark=40.0, background=120.0, margin=1.0,
-    crop=1.0, shade=None, seed=0, samples=SUBSAMPLES, occluder=None,
+    lens,
+    image_size,
+    R,
+    t,
+    inner_corners,
+    *,
+    blur=0.8,
+    noise=1.0,
+    light=200.0,
+    dark=40.0,
+    background=120.0,
+    margin=1.0,
+    crop=1.0,
+    shade=None,
+    seed=0,
+    samples=SUBSAMPLES,
+    occluder=None,
 ):
     """Return (image uint8, true corners (N, 2)); squares are 1 unit. `background` is a grey level or an image."""
     width, height = image_size
@@ -151,7 +168,6 @@ def random_pose(rng, lens, image_size, inner_corners, *, tilt=40.0, fill=(0.35, 
     """A pose at which all corners lie in the image: tilt up to `tilt` degrees, any turn, size `fill` of the image."""
     columns, rows = inner_corners
     width, height = image_size
-    corners = np.array([[0, 0], [columns - 1, 0], [0, rows - 1], [columns - 1, rows - 1]], float)
     j, i = np.divmod(np.arange(columns * rows), columns)
     board = np.stack([i, j, 0 * i], -1) - [(columns - 1) / 2, (rows - 1) / 2, 0.0]
     for _ in range(2000):

@@ -2,8 +2,8 @@
 
     python benchmarks/study_detection.py [images a scene] [--no-sb] [--only SCENE]
 
-A board counts as found if every corner lies within 1.5 px of the truth (or a tenth of the spacing), in the truth's order
-or its half turn. "wrong" counts boards that were returned but are not there.
+A board counts as found if every corner lies within 1.5 px of the truth (or a tenth of the spacing), in the truth's
+order or its half turn. "wrong" counts boards that were returned but are not there.
 """
 
 from __future__ import annotations
@@ -20,9 +20,27 @@ import stereocal as sc
 
 BROWN = (-0.28, 0.09, 0.0008, -0.0006, -0.01)
 SCENES = [
-    "plain", "barrel", "fisheye", "tilt65", "blur", "noise", "low_contrast", "uneven_light", "overexposed", "edge",
-    "clutter", "tiny", "small_image", "many_corners", "few_corners", "large_image", "half_squares", "dark", "motion",
-    "no_margin", "sixteen_bit",
+    "plain",
+    "barrel",
+    "fisheye",
+    "tilt65",
+    "blur",
+    "noise",
+    "low_contrast",
+    "uneven_light",
+    "overexposed",
+    "edge",
+    "clutter",
+    "tiny",
+    "small_image",
+    "many_corners",
+    "few_corners",
+    "large_image",
+    "half_squares",
+    "dark",
+    "motion",
+    "no_margin",
+    "sixteen_bit",
 ]
 
 
@@ -51,9 +69,14 @@ def scene(name, rng):
     """(image, truth, inner corners) of a scene."""
     size, board, lens = (640, 480), (9, 6), Lens(520.0, (322.3, 238.1), BROWN)
     pose = {"tilt": 40, "fill": (0.35, 0.9), "border": 12}
-    options = {"blur": rng.uniform(0.5, 1.2), "noise": rng.uniform(1, 3), "background": rng.uniform(60, 200), "samples": 4}
+    options = {
+        "blur": rng.uniform(0.5, 1.2),
+        "noise": rng.uniform(1, 3),
+        "background": rng.uniform(60, 200),
+        "samples": 4,
+    }
     options["light"], options["dark"] = rng.uniform(170, 230), rng.uniform(20, 60)
-    board = tuple(int(v) for v in rng.choice([(9, 6), (7, 6), (8, 6), (6, 4), (7, 7), (11, 8), (5, 4)]))if name not in () else board
+    board = tuple(int(v) for v in rng.choice([(9, 6), (7, 6), (8, 6), (6, 4), (7, 7), (11, 8), (5, 4)]))
     ramp = None
     if name == "barrel":
         lens = Lens(300.0, (322.3, 238.1), (-0.25, 0.05, 0.001, -0.001, -0.004))
@@ -122,7 +145,7 @@ def scene(name, rng):
 
 
 def judge(corners, truth, board):
-    """"found", "missed" or "wrong"."""
+    """ "found", "missed" or "wrong"."""
     if corners is None:
         return "missed"
     corners = np.asarray(corners).reshape(-1, 2)

@@ -2,8 +2,8 @@
 
     python benchmarks/study_false_positives.py DATA
 
-DATA is the folder of photographs. Prints every detection of a board that is not there, and how often the size that is there
-was named.
+DATA is the folder of photographs. Prints every detection of a board that is not there, and how often the size that is
+there was named.
 """
 
 from __future__ import annotations

@@ -1,14 +1,15 @@
 """Find a chessboard: pyramid, saddles, grid, size, order, subpixel.
 
-The image is halved until it is small, and the search starts there: a board of large squares is found in a thousandth of the
-pixels, blur shrinks to nothing, and noise averages out. If the board is not seen whole, the next finer level is tried, up to
-the image itself (and an image of few pixels is also doubled). At each level:
+The image is halved until it is small, and the search starts there: a board of large squares is found in a thousandth
+of the pixels, blur shrinks to nothing, and noise averages out. If the board is not seen whole, the next finer level
+is tried, up to the image itself (and an image of few pixels is also doubled). At each level:
 
 1. saddles of the brightness that pass the ring test (:mod:`stereocal.board.saddle`);
 2. grids grown from them (:mod:`stereocal.board.grid`);
 3. the grid whose complete lines are the board asked for; a grid of another size is reported, not bent to fit;
 4. the corners numbered by the board's own colours (:mod:`stereocal.board.chessboard`);
-5. the blurred saddle fitted at full resolution (:mod:`stereocal.board.subpixel`), which is also the last test: every corner's
+5. the blurred saddle fitted at full resolution (:mod:`stereocal.board.subpixel`), which is also the last test: every
+   corner's
    fit has to converge near its place, with the contrast of its neighbours.
 """
 
@@ -129,7 +130,7 @@ def detect_chessboard_detailed(image: ArrayLike, board: Chessboard | tuple[int, 
 
 
 def _dwarfed(found: Detection, other: Detection) -> bool:
-    """Whether a much larger board of another size is seen too: then the small one is a picture of a board, or chance."""
+    """Whether a much larger board of another size is seen too: the small one is then a picture or chance."""
     if other.other_size is None or found.corners is None:
         return False
     larger = other.stages["grid"]
@@ -205,7 +206,9 @@ def _search_level(level: NDArray[Any], scale: float, gray: NDArray[Any], board: 
     return Detection(False, other_size=reasons[0][1], message=reasons[0][0], stages=stages)
 
 
-def _choose_board(G: Float, grid: Grid, board: Chessboard) -> tuple[Grid | None, str, tuple[int, int] | None]:
+def _choose_board(
+    G: NDArray[np.float32], grid: Grid, board: Chessboard
+) -> tuple[Grid | None, str, tuple[int, int] | None]:
     """The part of a grid that is the board asked for, or the reason why not and the size that was seen."""
     seen = drop_ragged_lines(grid)
     columns, rows = seen.shape
@@ -232,7 +235,7 @@ def _choose_board(G: Float, grid: Grid, board: Chessboard) -> tuple[Grid | None,
     return None, f"a board of {size[0]}x{size[1]} inner corners was seen, not {board}", size
 
 
-def _without_covered_line(G: Float, seen: Grid, along_i: bool) -> Grid | None:
+def _without_covered_line(G: NDArray[np.float32], seen: Grid, along_i: bool) -> Grid | None:
     """The grid without the border line whose outer squares are cut off, if those of the other end are whole."""
     extents = outer_extents(G, seen)
     first, last = (extents[0], extents[1]) if along_i else (extents[2], extents[3])
@@ -261,8 +264,8 @@ def _ordered(grid: Grid, board: Chessboard) -> Float:
                     continue
                 # the square between +i and +j of the first corner has the colour of the one diagonally outside
                 i, j = (
-                    (grid.shape[0] - 1 if flip_of(transpose, flip_i, flip_j)[0] else 0),
-                    (grid.shape[1] - 1 if flip_of(transpose, flip_i, flip_j)[1] else 0),
+                    (grid.shape[0] - 1 if _reversed_axes(transpose, flip_i, flip_j)[0] else 0),
+                    (grid.shape[1] - 1 if _reversed_axes(transpose, flip_i, flip_j)[1] else 0),
                 )
                 turns = int(flip_i) + int(flip_j)
                 dark = ((i + j) % 2 == parity) != (turns % 2 == 1)
@@ -270,7 +273,7 @@ def _ordered(grid: Grid, board: Chessboard) -> Float:
     return np.ascontiguousarray(min(options, key=lambda option: option[:2])[2])
 
 
-def flip_of(transpose: bool, flip_i: bool, flip_j: bool) -> tuple[bool, bool]:
+def _reversed_axes(transpose: bool, flip_i: bool, flip_j: bool) -> tuple[bool, bool]:
     """Which of the grid's own axes are reversed."""
     return (flip_j, flip_i) if transpose else (flip_i, flip_j)
 

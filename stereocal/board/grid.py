@@ -3,26 +3,27 @@
 A chessboard seen by a camera is a grid only locally: perspective, a fisheye lens and a bent board change its steps from
 place to place. So nothing here fits one homography to the board. Three local rules build the grid:
 
-**Links.** Each corner knows its four edges and which side of them is dark (:mod:`stereocal.board.saddle`). Corners a and
-b are neighbours if an edge of a points to b and an edge of b points to a, if the polarities agree, and if along the whole
-way the one side is lighter than the other. The last test is what makes it safe: behind every corner of a board the colours
-change sides, so a way that skips a corner fails it. Of several neighbours the nearest is taken, and links must be mutual.
+**Links.** Each corner knows its four edges and which side of them is dark (:mod:`stereocal.board.saddle`). Corners a
+and b are neighbours if an edge of a points to b and an edge of b points to a, if the polarities agree, and if along
+the whole way the one side is lighter than the other. The last test is what makes it safe: behind every corner of a
+board the colours change sides, so a way that skips a corner fails it. Of several neighbours the nearest is taken, and
+links must be mutual.
 
 **Cells.** A link is trusted if it is a side of a closed cell: four links, turning right at each corner, lead back to
 the start. Chance links between letters and furniture close no cells. Walking the trusted links gives each corner its
 coordinates (i, j); a corner reached at two places is left out.
 
 **Growth.** A corner that is missing next to known ones is predicted from them: the last step again, corrected by the
-change of the step in the row beside or the step before, which is exact for any smooth map to first order in the change. If
-the image has a saddle there, and the four squares around show their colours, it is added. This finds corners that the
-ring test lost to glare, at the image's edge, or because their squares are too small for the ring.
+change of the step in the row beside or the step before, which is exact for any smooth map to first order in the
+change. If the image has a saddle there, and the four squares around show their colours, it is added. This finds
+corners that the ring test lost to glare, at the image's edge, or because their squares are too small for the ring.
 
 **The board's size.** The lines of the grid at its border that are mostly missing are letters or a frame: they are
-dropped. Then the rectangle must be the one asked for. If it is larger by a single line, and that line's outer squares are
-cut off while those at the other end are whole, the board is partly covered there (the paper's photographs): the
+dropped. Then the rectangle must be the one asked for. If it is larger by a single line, and that line's outer squares
+are cut off while those at the other end are whole, the board is partly covered there (the paper's photographs): the
 complete lines are taken. In every other case another size is reported, and no corners. And where the rectangle is the
-one asked for, but the squares go on beyond it, it is a part of a larger board whose other corners were lost: no corners
-either, because they would be numbered from the wrong end.
+one asked for, but the squares go on beyond it, it is a part of a larger board whose other corners were lost: no
+corners either, because they would be numbered from the wrong end.
 
 Sources: the growth by local prediction follows the idea of Geiger et al., ICRA 2012, who minimise an energy for each
 proposed line; closed cells of linked corners are used by Ha et al., *Deltille grids for geometric camera calibration*,
@@ -80,7 +81,7 @@ class Grid:
         return Grid(self.points[part], self.known[part], self.evidence[part], (self.parity + i + j) % 2)
 
 
-def grow_grids(G: Float, candidates: Float, reach: int, least_corners: int = 6) -> list[Grid]:
+def grow_grids(G: NDArray[np.float32], candidates: Float, reach: int, least_corners: int = 6) -> list[Grid]:
     """Grids of linked corners, each grown as far as the image shows it; the largest first.
 
     Parameters
@@ -153,7 +154,7 @@ def drop_ragged_lines(grid: Grid, least_share: float = _LINE_SHARE) -> Grid:
     return grid
 
 
-def outer_extents(G: Float, grid: Grid) -> Float:
+def outer_extents(G: NDArray[np.float32], grid: Grid) -> Float:
     """How far the squares beyond each border line of the grid reach outwards, in steps.
 
     Parameters

@@ -242,7 +242,7 @@ def predict_corner(grid, known, i, j, out):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def local_steps(grid, known, i, j, x, y, out):
-    """Steps along i and j at (x, y), the place of corner (i, j): means over the known neighbours; False if one lacks."""
+    """Steps along i and j at (x, y), the place of corner (i, j): means over the known neighbours; False if none."""
     columns, rows = known.shape
     complete = True
     for axis in range(2):
@@ -301,10 +301,10 @@ def settle(G, x, y, reach, steps, out):
         if not (h <= cx < width - 1 - h and h <= cy < height - 1 - h):
             return False
         m = _bilinear(G, cx, cy)
-        r, l = _bilinear(G, cx + h, cy), _bilinear(G, cx - h, cy)
-        d, u = _bilinear(G, cx, cy + h), _bilinear(G, cx, cy - h)
-        gx, gy = (r - l) / (2 * h), (d - u) / (2 * h)
-        xx, yy = (r - 2 * m + l) / (h * h), (d - 2 * m + u) / (h * h)
+        right, left = _bilinear(G, cx + h, cy), _bilinear(G, cx - h, cy)
+        below, above = _bilinear(G, cx, cy + h), _bilinear(G, cx, cy - h)
+        gx, gy = (right - left) / (2 * h), (below - above) / (2 * h)
+        xx, yy = (right - 2 * m + left) / (h * h), (below - 2 * m + above) / (h * h)
         xy = (
             _bilinear(G, cx + h, cy + h)
             - _bilinear(G, cx + h, cy - h)

@@ -30,8 +30,10 @@ Sources: Harris and Stephens, *A combined corner and edge detector*, Alvey 1988;
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from stereocal.base.checks import Float, require_choice, require_integer, require_positive
@@ -142,7 +144,7 @@ def harris_response(
     window: str = "box",
     sigma: float = 1.0,
     backend: str = "numba",
-) -> Float:
+) -> NDArray[Any]:
     """Corner response Q = (A B - C^2) - k (A + B)^2 of the smoothed structure tensor.
 
     Parameters

@@ -1,13 +1,15 @@
 """A chessboard on paper, true to scale, with the means to check that it is.
 
-A printer that "fits to page" shrinks a board by a few per cent, and every length measured with it is wrong by as much, with no
-trace in the residuals. So the sheet bears its size in words and a scale bar to lay a ruler on.
+A printer that "fits to page" shrinks a board by a few per cent, and every length measured with it is wrong by as
+much, with no trace in the residuals. So the sheet bears its size in words and a scale bar to lay a ruler on.
 
-The geometry is computed once, in millimetres from the page's upper left corner, y down; three writers put it on a page: SVG
-and PDF as rectangles, exact to 1e-4 mm, PNG as pixels, edges rounded to the nearest one (0.02 mm at 600 dpi). Around the squares
-stays a *quiet zone* of white, without which the outer squares merge with what the sheet lies on.
+The geometry is computed once, in millimetres from the page's upper left corner, y down; three writers put it on a
+page: SVG and PDF as rectangles, exact to 1e-4 mm, PNG as pixels, edges rounded to the nearest one (0.02 mm at 600
+dpi). Around the squares stays a *quiet zone* of white, without which the outer squares merge with what the sheet lies
+on.
 
-The first square, at the upper left, is dark: the corner beside it is the board's first (:mod:`stereocal.board.chessboard`).
+The first square, at the upper left, is dark: the corner beside it is the board's first
+(:mod:`stereocal.board.chessboard`).
 """
 
 from __future__ import annotations

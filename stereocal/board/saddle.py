@@ -1,7 +1,8 @@
 """Saddle points: what an inner corner of a chessboard is, and hardly anything else.
 
-Where four squares meet, the brightness rises along one diagonal and falls along the other. Blurred a little, it is
-a *saddle*: the Hessian [[Gxx, Gxy], [Gxy, Gyy]] of the smoothed image G has one positive and one negative eigenvalue, so
+Where four squares meet, the brightness rises along one diagonal and falls along the other. Blurred a little, it is a
+*saddle*: the Hessian [[Gxx, Gxy], [Gxy, Gyy]] of the smoothed image G has one positive and one negative eigenvalue,
+so
 
     S = Gxy^2 - Gxx Gyy = -l1 l2 > 0,
 
@@ -10,14 +11,15 @@ outer corner of a dark square and every letter have as well; S asks for the curv
 T-junctions and line ends have a small one. G is smoothed by the binomial (1 4 6 4 1)/16, and the differences reach over
 two pixels, which together is a Gaussian of 1.2 px and a pattern as wide as the smallest square looked for.
 
-Noise and texture have saddles too, so every maximum of S has to pass a *ring test*: on a circle around it the grey value
-must cross the middle between darkest and lightest exactly four times, at angles whose opposites lie half a turn apart,
-and look the same half a turn on (the *symmetry test*). What passes carries its two edge directions and its polarity:
+Noise and texture have saddles too, so every maximum of S has to pass a *ring test*: on a circle around it the grey
+value must cross the middle between darkest and lightest exactly four times, at angles whose opposites lie half a turn
+apart, and look the same half a turn on (the *symmetry test*). What passes carries its two edge directions and its
+polarity:
 
     t0, t1, t2, t3: the angles of the four edges; from t0, with growing angle, one enters a dark square.
 
-These are what the grid is grown from (:mod:`stereocal.board.grid`). Both tests look at a neighbourhood of fixed size, so
-they are made on a pyramid of halved images: large squares, blur and strong noise are seen at a coarse level, small
+These are what the grid is grown from (:mod:`stereocal.board.grid`). Both tests look at a neighbourhood of fixed size,
+so they are made on a pyramid of halved images: large squares, blur and strong noise are seen at a coarse level, small
 squares at a fine one.
 
 Sources: Chen and Zhang, *A new sub-pixel detector for X-corners*, 2005 (the measure S); Bennett and Lasenby, *ChESS -
@@ -42,7 +44,7 @@ _COSINE, _SINE = np.cos(_ANGLES), np.sin(_ANGLES)
 _BINOMIAL = np.array([1, 4, 6, 4, 1]) / 16
 
 
-def saddle_response(image: NDArray[Any], *, backend: str = "numba") -> tuple[Float, Float]:
+def saddle_response(image: NDArray[Any], *, backend: str = "numba") -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Smoothed image G and saddle measure S = Gxy^2 - Gxx Gyy.
 
     Parameters
@@ -77,7 +79,12 @@ def saddle_response(image: NDArray[Any], *, backend: str = "numba") -> tuple[Flo
 
 
 def saddle_candidates(
-    G: Float, S: Float, *, least_response: float = 1.0, least_amplitude: float = 2.0, limit: int = 4000
+    G: NDArray[np.float32],
+    S: NDArray[np.float32],
+    *,
+    least_response: float = 1.0,
+    least_amplitude: float = 2.0,
+    limit: int = 4000,
 ) -> tuple[Float, NDArray[np.int64]]:
     """Saddles that pass the ring test.
 

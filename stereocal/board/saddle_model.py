@@ -1,9 +1,11 @@
-"""The readable twin of :mod:`stereocal.board.subpixel_kernels`: one blurred saddle, fitted by Gauss and Newton with care.
+"""The readable twin of :mod:`stereocal.board.subpixel_kernels`: one blurred saddle, fitted by Gauss and Newton with
+care.
 
     I(p) = a + b erf(u / s) erf(v / s),     u = n1 . (p - c) - d1 xi^2 / 2,     v = n2 . (p - c) - d2 eta^2 / 2
 
-with n = (-sin t, cos t) the normal of a line of angle t, (xi, eta) the pixel in grid steps from the corner, and d1, d2 the bends
-of the lines (:mod:`stereocal.board.subpixel`). With g(z) = 2/sqrt(pi) exp(-z^2), the derivative of erf, and
+with n = (-sin t, cos t) the normal of a line of angle t, (xi, eta) the pixel in grid steps from the corner, and d1,
+d2 the bends of the lines (:mod:`stereocal.board.subpixel`). With g(z) = 2/sqrt(pi) exp(-z^2), the derivative of erf,
+and
 
     Pu = b g(u/s) erf(v/s) / s = dI/du,        Pv = b erf(u/s) g(v/s) / s = dI/dv,
 
@@ -12,8 +14,8 @@ the derivatives by the unknowns (cx, cy, t1, t2, s, a, b) are
     dI/dc = -Pu n1 - Pv n2,  dI/dt1 = -Pu (e1 . (p - c)),  dI/dt2 = -Pv (e2 . (p - c)),  dI/ds = -(Pu u + Pv v) / s,
     dI/da = 1,               dI/db = erf(u/s) erf(v/s),
 
-e = (cos t, sin t) along the line. The bend moves with c too, by less than a thousandth of the line itself: that is left out, as
-it only changes the way to the solution.
+e = (cos t, sin t) along the line. The bend moves with c too, by less than a thousandth of the line itself: that is
+left out, as it only changes the way to the solution.
 """
 
 from __future__ import annotations

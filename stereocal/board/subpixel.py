@@ -1,30 +1,36 @@
 """Subpixel corners: fit the picture of two crossing edges, not its gradient.
 
-Near an inner corner the image is the product of two blurred steps. With u and v the distances of a pixel from the two edge
-lines, and a blur of standard deviation s/sqrt(2) (lens, motion and pixel together),
+Near an inner corner the image is the product of two blurred steps. With u and v the distances of a pixel from the two
+edge lines, and a blur of standard deviation s/sqrt(2) (lens, motion and pixel together),
 
     I(x, y) = a + b erf(u / s) erf(v / s),        u = n1 . (p - c),   v = n2 . (p - c),
 
-which is exact for a Gaussian blur where the edges cross at a right angle, and very nearly so otherwise. Seven unknowns: the
-corner c = (cx, cy), the angles of the two lines, s, and the levels a (middle grey) and b (half the contrast). They are fitted
-to every pixel of a window by Levenberg-Marquardt. With independent noise of standard deviation sigma the fit is the
-maximum-likelihood estimate, and (J^T J)^-1 sigma^2, sigma estimated from the residuals, is its covariance: no unbiased
-method can do better in that window (the Cramer-Rao bound).
+which is exact for a Gaussian blur where the edges cross at a right angle, and very nearly so otherwise. Seven
+unknowns: the corner c = (cx, cy), the angles of the two lines, s, and the levels a (middle grey) and b (half the
+contrast). They are fitted to every pixel of a window by Levenberg-Marquardt. With independent noise of standard
+deviation sigma the fit is the maximum-likelihood estimate, and (J^T J)^-1 sigma^2, sigma estimated from the
+residuals, is its covariance: no unbiased method can do better in that window (the Cramer-Rao bound).
 
 ``cv2.cornerSubPix`` instead asks for the point that all gradients in the window are perpendicular to. Its pixels
 on the edges count alike whether sharp or noisy, and a window that reaches the next corner pulls it there.
 
 **The window** is the parallelogram of the corner's own grid steps, |xi| <= h, |eta| <= h: it follows spacing and
-orientation, and reaches no other edge while h + 2.2 s / step < 1. It is no wider than a cap in pixels, which bounds the time.
+orientation, and reaches no other edge while h + 2.2 s / step < 1. It is no wider than a cap in pixels, which bounds
+the time.
 
-**The bend of the lines.** Distortion bends straight lines: over a window of 40 px by several hundredths of a pixel, more
-than the noise. The fit knows the bend from the neighbours: with the second difference P(i+1) - 2 P(i) + P(i-1) of the corners
-along line 1, its component d1 along n1 makes the line u = d1 xi^2 / 2, xi counted in steps. So corners are fitted twice,
-first without bends, then with those of the first fit.
+**The bend of the lines.** Distortion bends straight lines: over a window of 40 px by several hundredths of a pixel,
+more than the noise. The fit knows the bend from the neighbours: with the second difference P(i+1) - 2 P(i) + P(i-1)
+of the corners along line 1, its component d1 along n1 makes the line u = d1 xi^2 / 2, xi counted in steps. So corners
+are fitted twice, first without bends, then with those of the first fit.
+
+**The light.** A lens darkens towards its corners, and lamps stand on one side. A level that changes over the window
+pulls the corner by a hundredth of a pixel and more, in proportion to the blur. It is treated as the bend is: the
+levels a and b of the first fit, corner by corner, have slopes along the grid, and the second fit takes them out of
+the pixels.
 
 Sources: Lucchese and Mitra, *Using saddle points for subpixel feature detection*, 2002, and Duda and Frese, *Accurate
 detection and localization of checkerboard corners for calibration*, BMVC 2018, fit the region too; the product of error
-functions is the closed form of a blurred corner. The bend and the window by the grid are ours.
+functions is the closed form of a blurred corner. The bend, the light and the window by the grid are ours.
 """
 
 from __future__ import annotations
@@ -41,7 +47,7 @@ from stereocal.base.errors import InputError
 from stereocal.base.gray import to_gray
 from stereocal.board.chessboard import Chessboard, as_inner_corners
 
-HALF_WINDOW = 0.55
+HALF_WINDOW = 0.52
 """Half side of the window in steps of the grid."""
 FIRST_HALF_WINDOW = 0.3
 """Half side of the window of the first of the two fits."""
@@ -49,8 +55,8 @@ LARGEST_HALF_WINDOW = 24.0
 """Half side of the window in pixels, at most."""
 
 ALIASING_ERROR = 0.004
-"""Error of the model per axis, px, where an edge is sharper than the pixels can show; times the share of the contrast that
-reaches the Nyquist frequency, exp(-(pi sigma)^2 / 2). Measured on renders."""
+"""Error of the model per axis, px, where an edge is sharper than the pixels can show; times the share of the contrast
+that reaches the Nyquist frequency, exp(-(pi sigma)^2 / 2). Measured on renders."""
 
 
 @dataclass(frozen=True)
@@ -146,18 +152,26 @@ def fit_corner_grid(
         width = np.minimum(np.maximum(1.2, 0.1 * narrow), 4.0)
     else:
         width = np.full(n, blur)
-    half = np.minimum(half_window, np.maximum(FIRST_HALF_WINDOW, 5.0 / shortest))
+    half = np.minimum(half_window, np.maximum(FIRST_HALF_WINDOW, 11.0 / shortest))
     half = _window(half, length)
     zero = np.zeros((n, 2))
-    fit_saddles(gray, given, steps, zero, half, 2 * width + 2, width, True, 2e-2, 12, theta, covariance, info)
+    fit_saddles(
+        gray, given, steps, zero, half, 2 * width + 2, np.zeros((n, 5)), width, True, 2e-2, 12, theta, covariance, info
+    )
     # A corner that ran away keeps its place: its neighbours still need it.
     near = np.hypot(*(theta[:, :2] - given).T) < 0.35 * shortest
     points = np.where(near[:, None], theta[:, :2], given)
-    theta[:, 4] = np.where(near, np.abs(theta[:, 4]), np.median(np.abs(theta[near, 4])) if near.any() else width)
+    if near.any():
+        typical = np.median(theta[near], axis=0)
+        signs = np.where(theta[:, 6] < 0, -1, 1)
+        theta[:, 4] = np.where(near, np.abs(theta[:, 4]), abs(typical[4]))
+        theta[:, 5] = np.where(near, theta[:, 5], typical[5])
+        theta[:, 6] = np.where(near, theta[:, 6], signs * np.median(np.abs(theta[near, 6])))
     steps, bends = _flat_steps(points, shape)
     half = _window(np.full(n, half_window), np.hypot(steps[:, ::2], steps[:, 1::2]))
+    light = _light(theta, shape)
     band = 2 * theta[:, 4] + 1
-    fit_saddles(gray, points, steps, bends, half, band, width, False, 2e-3, 15, theta, covariance, info)
+    fit_saddles(gray, points, steps, bends, half, band, light, width, False, 2e-3, 15, theta, covariance, info)
     near = np.hypot(*(theta[:, :2] - given).T) < 0.35 * shortest
     edge_widths = np.abs(theta[:, 4]) / np.sqrt(2)
     aliased = ALIASING_ERROR * np.exp(-((np.pi * edge_widths) ** 2) / 2)
@@ -174,6 +188,17 @@ def fit_corner_grid(
 def _flat_steps(points: Float, shape: tuple[int, ...]) -> tuple[Float, Float]:
     steps, bends = grid_steps(points.reshape(*shape, 2))
     return np.ascontiguousarray(steps.reshape(-1, 4)), np.ascontiguousarray(bends.reshape(-1, 2))
+
+
+def _light(theta: Float, shape: tuple[int, ...]) -> Float:
+    """(a, slopes of a along i and j, slopes of b over b) at each corner, from the levels of the corners around."""
+    levels = np.stack([theta[:, 5], np.abs(theta[:, 6])], axis=-1).reshape(*shape, 2)
+    slopes = [ndimage.uniform_filter(_differences(levels, axis), (5, 5, 1), mode="nearest") for axis in (1, 0)]
+    a, b = levels[..., 0], np.maximum(levels[..., 1], 1e-6)
+    light = [a, slopes[0][..., 0], slopes[1][..., 0], slopes[0][..., 1] / b, slopes[1][..., 1] / b]
+    return np.ascontiguousarray(
+        np.clip(np.stack(light, -1), [-1e9, -1e9, -1e9, -0.5, -0.5], [1e9, 1e9, 1e9, 0.5, 0.5])
+    ).reshape(-1, 5)
 
 
 def _window(half: Float, length: Float) -> Float:

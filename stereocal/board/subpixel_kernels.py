@@ -37,11 +37,12 @@ def _erf(z, gauss, m, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _gather(image, cx, cy, step, geometry, half, band, px, py, grey):
+def _gather(image, cx, cy, step, geometry, half, band, light, px, py, grey):
     """Pixels of the window that tell of the edges; returns how many.
 
-    The window is the parallelogram |xi|, |eta| <= half steps around the corner; of it the pixels within `band` pixels of
-    one of the two lines: the others see flat squares.
+    The window is the parallelogram |xi|, |eta| <= half steps around the corner; of it the pixels within `band` pixels
+    of one of the two lines: the others see flat squares. The change of the light over the window is taken out: with
+    light = (a, its slopes along xi and eta, those of b over b), grey becomes a + (grey - a(xi, eta)) b / b(xi, eta).
     """
     height, width = image.shape
     reach_x = half * (abs(step[0]) + abs(step[2]))
@@ -59,10 +60,12 @@ def _gather(image, cx, cy, step, geometry, half, band, px, py, grey):
         row = image[y]
         for x in range(x0, x1 + 1):
             dx = x - cx
-            xi = abs(geometry[0] * dx + geometry[1] * dy)
-            eta = abs(geometry[2] * dx + geometry[3] * dy)
-            if xi <= half and eta <= half and (eta <= near1 or xi <= near2):
-                px[count], py[count], grey[count] = dx, dy, row[x]
+            xi = geometry[0] * dx + geometry[1] * dy
+            eta = geometry[2] * dx + geometry[3] * dy
+            if abs(xi) <= half and abs(eta) <= half and (abs(eta) <= near1 or abs(xi) <= near2):
+                level = light[0] + light[1] * xi + light[2] * eta
+                px[count], py[count] = dx, dy
+                grey[count] = light[0] + (row[x] - level) / (1.0 + light[3] * xi + light[4] * eta)
                 count += 1
     return count
 
@@ -79,9 +82,9 @@ def _dot(a, b, m):
 def _model(m, px, py, grey, geometry, theta, scratch, J, residual):
     """Residuals grey - model, and the model's derivatives by the seven unknowns; returns the sum of squares.
 
-    theta = (cx, cy, angle of line 1, angle of line 2, s, a, b). J is in the basis (offset of line 1, its turn, offset of
-    line 2, its turn, s, a, b), which is one product a pixel cheaper; the caller turns offsets into (cx, cy). Every loop
-    writes one array, so that LLVM vectorises it.
+    theta = (cx, cy, angle of line 1, angle of line 2, s, a, b). J is in the basis (offset of line 1, its turn,
+    offset of line 2, its turn, s, a, b), which is one product a pixel cheaper; the caller turns offsets into (cx, cy).
+    Every loop writes one array, so that LLVM vectorises it.
     """
     cx, cy, s, a, b = theta[0], theta[1], theta[4], theta[5], theta[6]
     c1, s1, c2, s2 = np.cos(theta[2]), np.sin(theta[2]), np.cos(theta[3]), np.sin(theta[3])
@@ -198,13 +201,15 @@ def _start(m, px, py, grey, geometry, theta, scratch, J, residual):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def fit_saddles(image, corners, steps, bends, half, band, blur, cold, tolerance, iterations, theta, covariance, info):
+def fit_saddles(
+    image, corners, steps, bends, half, band, light, blur, cold, tolerance, iterations, theta, covariance, info
+):
     """Fit I = a + b erf(u/s) erf(v/s) around each corner by Levenberg-Marquardt.
 
     corners (n, 2); steps (n, 4): the steps along i and along j; bends (n, 2): how far each line bends away from its
     tangent, second difference times normal; half, band (n,): half window in steps, half width of the bands along the
-    lines in pixels; blur (n,): start of s, if `cold`; else lines, s and levels start from theta. Writes theta (n, 7),
-    covariance (n, 2, 2) of (cx, cy), info (n, 4): residual variance, pixels, converged, 0.
+    lines in pixels; light (n, 5): see _gather; blur (n,): start of s, if `cold`; else lines, s and levels start from
+    theta. Writes theta (n, 7), covariance (n, 2, 2) of (cx, cy), info (n, 4): residual variance, pixels, converged, 0.
     """
     capacity = 4
     for n in range(corners.shape[0]):
@@ -226,7 +231,7 @@ def fit_saddles(image, corners, steps, bends, half, band, blur, cold, tolerance,
         det = ix * jy - iy * jx
         geometry[0], geometry[1], geometry[2], geometry[3] = jy / det, -jx / det, -iy / det, ix / det
         geometry[4], geometry[5] = bends[n, 0], bends[n, 1]
-        m = _gather(image, corners[n, 0], corners[n, 1], steps[n], geometry, half[n], band[n], px, py, grey)
+        m = _gather(image, corners[n, 0], corners[n, 1], steps[n], geometry, half[n], band[n], light[n], px, py, grey)
         info[n, 1] = m
         if m < 16:
             t[:] = np.nan

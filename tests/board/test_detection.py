@@ -5,9 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from board_renders import render
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from board_renders import render
 
 import stereocal as sc
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from board_renders import render
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from board_renders import render
 from strategies import seeds
 
 import stereocal as sc
@@ -67,9 +67,10 @@ def test_kernel_is_the_reference(seed, start):
         bends[None],
         0.55 * one,
         5 * one,
+        np.zeros((1, 5)),
         1.5 * one,
         True,
-        1e-6,
+        1e-5,
         50,
         theta,
         covariance,
