@@ -5,7 +5,9 @@
 ``block_matching``     the same with OpenCV's tests around it: StereoBM, bit for bit
 ``sliding_window``     the engine of both: sums that are updated as a window slides
 ``census``             matching by the order of grey values, for unequal exposures
+``matching_costs``     how alike two pixels are: census, Birchfield-Tomasi, differences
 ``semiglobal``         matching with a smoothness term along many paths
+``winner``             from costs to disparities, and which of them to believe
 ``speckles``           small islands of the disparity map are removed
 ``postprocessing``     weighted median, hole filling, confidence
 ``triangulation``      a point in space from its two images
