@@ -14,6 +14,7 @@
 ``format_kalibr``        Kalibr's camchain.yaml
 ``format_boofcv``        BoofCV's stereo.yaml
 ``format_matlab``        MATLAB's stereoParameters as a struct: .mat, JSON
+``matlab_structs``       .mat of version 5 from strangers, every count checked
 ``format_mrcal``         mrcal's .cameramodel
 ``format_colmap``        COLMAP's cameras.txt
 ``format_kitti``         KITTI's calib.txt

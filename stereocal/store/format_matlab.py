@@ -16,10 +16,7 @@ What differs from the library:
 
 from __future__ import annotations
 
-import io
 import json
-import struct
-import zlib
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -30,14 +27,14 @@ from stereocal.base.errors import DataFileError, InputError
 from stereocal.camera.model import Camera
 from stereocal.pair.rig import StereoRig
 from stereocal.store.calibration_record import CalibrationRecord, opencv_distortion
-from stereocal.store.structured_text import MAX_BYTES, Fields, parse_json, read_bytes, read_text
+from stereocal.store.matlab_structs import MatError, parse_mat
+from stereocal.store.structured_text import Fields, parse_json, read_bytes, read_text
 
 TITLE = "MATLAB struct"
 EXTRA: tuple[str, ...] = ()
 
 _UNITS = {"m": "m", "meters": "m", "cm": "cm", "centimeters": "cm", "mm": "mm", "millimeters": "mm", "in": "in"}
 _UNIT_NAMES = {"m": "meters", "cm": "centimeters", "mm": "millimeters", "in": "inches"}
-_COMPRESSED = 15
 
 
 def read(path: Path) -> CalibrationRecord:
@@ -140,40 +137,7 @@ def _unit(fields: Fields) -> str | None:
 
 
 def _read_mat(path: Path) -> dict[str, Any]:
-    from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
-
-    content = read_bytes(path)
     try:
-        _require_small(content, path)
-        found = loadmat(io.BytesIO(content), squeeze_me=False, struct_as_record=True)
-    except DataFileError:
-        raise
-    except (MatReadError, ValueError, TypeError, KeyError, IndexError, OSError, EOFError, struct.error) as error:
-        raise DataFileError(path, "is no MATLAB file of version 5, or is cut short") from error
-    except (NotImplementedError, MemoryError, OverflowError, zlib.error, RecursionError) as error:
-        raise DataFileError(path, "is damaged, or a MATLAB file of version 7.3: save it with -v7") from error
-    return {name: _plain(value) for name, value in found.items() if not name.startswith("__")}
-
-
-def _require_small(content: bytes, path: Path) -> None:
-    """Unpack each compressed variable up to a limit, so that a small file cannot fill the memory."""
-    position, order = 128, "<" if content[126:128] == b"IM" else ">"
-    while position + 8 <= len(content):
-        kind, size = struct.unpack(order + "II", content[position : position + 8])
-        if kind == _COMPRESSED:
-            unpacker = zlib.decompressobj()
-            unpacker.decompress(content[position + 8 : position + 8 + size], MAX_BYTES)
-            if unpacker.unconsumed_tail:
-                raise DataFileError(path, f"unpacks to more than {MAX_BYTES >> 20} MB, too large for a calibration")
-        position += 8 + size
-
-
-def _plain(value: Any) -> Any:
-    """A struct (a 1x1 array of records) as a dict, text as str, numbers as they are."""
-    if isinstance(value, np.ndarray) and value.dtype.names and value.size == 1:
-        record = value.ravel()[0]
-        return {name: _plain(record[name]) for name in value.dtype.names}
-    if isinstance(value, np.ndarray) and value.dtype.kind == "U":
-        return str(value.ravel()[0]) if value.size else ""
-    return value
+        return parse_mat(read_bytes(path))
+    except MatError as error:
+        raise DataFileError(path, f"is no MATLAB file of a plain struct saved with -v7: {error}") from error
