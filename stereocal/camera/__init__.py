@@ -12,6 +12,7 @@
 ``distortion_division``             division
 ``distortion_rational_function``    a 3×6 matrix on monomials of degree two
 ``distortion_inverse``              undoing a lens where it can be undone
+``homography_kernels``              many at once, compiled
 ``homography``                      the plane's homography, by the direct linear transform
 ``zhang``                           camera matrix and pose from homographies, in closed form
 ``calibration``                     calibrate_camera: from corners to a camera with its uncertainty
@@ -21,6 +22,9 @@
 ``bundle_solver``                   Levenberg–Marquardt on the blocks
 ``bundle_problem``                  from lists of views to flat arrays
 ``board_shape``                     the board's shape as unknowns
+``board_shape_fit``                 fitting it, and asking held-out views
+``outliers``                        corners that do not belong
+``priors``                          what is known beforehand
 ``covariance``                      how sure the answer is
 ``propagation``                     what that means for pixels and for points in space
 ``losses``                          robust losses

@@ -91,6 +91,9 @@ def release(
         shape_index=np.tile(np.arange(len(board)), blocks),
         G=np.asarray(block_diag(bundle.G, np.eye(unknowns))),
     )
+    if bundle.prior_weights is not None and bundle.prior_means is not None:
+        bundle.prior_weights = np.concatenate([bundle.prior_weights, np.zeros(unknowns)])
+        bundle.prior_means = np.concatenate([bundle.prior_means, np.zeros(unknowns)])
     return bundle, solve_bundle(bundle, replace(state, shape=np.zeros(unknowns)), max_iterations=max_iterations)
 
 

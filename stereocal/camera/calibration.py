@@ -23,7 +23,7 @@ Source: Zhang (2000), section 3.2 and 3.3; the paper prints the case of k1, k2.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -43,8 +43,10 @@ from stereocal.camera.distortion_base import DistortionModel
 from stereocal.camera.initialisation import solve_from_starts
 from stereocal.camera.losses import LOSSES
 from stereocal.camera.model import Camera
-from stereocal.camera.parameters import fixed_names, free_columns, intrinsic_names
+from stereocal.camera.outliers import RejectedCorner, report_rejected, solve_without_outliers
+from stereocal.camera.parameters import fixed_names, free_columns, intrinsic_names, prior_arrays
 from stereocal.camera.pose import initial_poses
+from stereocal.camera.priors import solve_with_priors
 from stereocal.camera.views import as_views
 
 # Relative standard deviation of the focal length beyond which the views do not determine it.
@@ -86,6 +88,8 @@ class CameraCalibration:
         The board, with its shape where `board_warp` asked for it.
     joint : BundleCovariance
         All covariances, cross terms too.
+    rejected : list of RejectedCorner
+        Corners that were left out, with the reason.
     """
 
     camera: Camera
@@ -103,6 +107,7 @@ class CameraCalibration:
     reason: str
     board: BoardShape = field(repr=False)
     joint: BundleCovariance = field(repr=False)
+    rejected: list[RejectedCorner] = field(default_factory=list)
 
     def summary(self) -> str:
         """Return the result in a few lines of text, each parameter with its standard deviation."""
@@ -115,6 +120,7 @@ class CameraCalibration:
         for name, value, std in zip(self.parameter_names, values, self.std, strict=True):
             lines.append(f"  {name:6s} {value:14.6g}" + (f"  ± {std:.2g}" if std > 0 else "  held"))
         lines.append(board_line(self.board))
+        lines += [f"left out: view {c.view}, corner {c.point}: {c.reason}" for c in self.rejected]
         return "\n".join(lines)
 
 
@@ -132,6 +138,7 @@ def calibrate_camera(
     aspect_ratio: float | None = None,
     initial: Camera | None = None,
     priors: Mapping[str, tuple[float, float]] | None = None,
+    reject_outliers: bool | float = False,
     board_warp: bool | str = False,
     max_iterations: int = 200,
     backend: str = "numba",
@@ -165,6 +172,9 @@ def calibrate_camera(
         Start, and the values of what is held; otherwise found by closed form.
     priors : mapping of str to (mean, sigma), optional
         Parameters known beforehand, with their standard deviation.
+    reject_outliers : bool or float
+        Whether corners far from where the calibration draws them are left out, and beyond how many standard deviations
+        (5 for True); see ``outliers``. What was left out, and why, is in ``.rejected``.
     board_warp : bool or str
         Whether the board's shape is unknown too: ``"bow"``, ``"released"``, or True or ``"auto"`` to let held-out views
         choose; see ``board_shape``.
@@ -213,8 +223,23 @@ def calibrate_camera(
     else:
         state = _given_state(objects, images, initial, lens)
         solution = solve_bundle(bundle, state, max_iterations=max_iterations, backend=backend)
+    everything, kept, rejected = bundle, np.ones(len(bundle.points), dtype=bool), []
+    if reject_outliers:
+        factor = 5.0 if reject_outliers is True else require_positive(reject_outliers, "reject_outliers")
+        bundle, solution, kept, limit = solve_without_outliers(
+            bundle, solution, factor, max_iterations=max_iterations, backend=backend
+        )
+        rejected = report_rejected(everything, solution, kept, limit)
+    if priors:
+        bundle, solution = solve_with_priors(
+            bundle, solution, *prior_arrays(names, priors), max_iterations=max_iterations
+        )
     bundle, solution, kind, held_out = fit_shape(bundle, solution, board_warp, max_iterations=max_iterations)
-    return _result(bundle, solution, size, lens, names, kind, held_out)
+    result = _result(bundle, solution, size, lens, names, kind, held_out)
+    if rejected:  # residuals of all corners, so that they match what was passed in; the RMS is that of the corners kept
+        d = -residuals(everything, solution.state)
+        result = replace(result, residuals=[d[a:b] for a, b in pairwise(everything.offsets)], rejected=rejected)
+    return result
 
 
 def _require_views(images: list[Float], held: set[str]) -> None:

@@ -59,9 +59,8 @@ def fit_homography(src: ArrayLike, dst: ArrayLike, *, refine: bool = True) -> Fl
     DegenerateGeometryError
         If the points of one side lie on one line.
 
-    Notes ----- Answers to ``cv2.findHomography(src, dst, 0)``: on exact points equal to 1e-5, all that OpenCV has,
-    which works on float32 there; with noise OpenCV goes on to minimise the distance in `dst`, this function minimises
-    the algebraic error.
+    Notes ----- Answers to ``cv2.findHomography(src, dst, 0)``: equal to 1e-5 relative, all that OpenCV has, which
+    takes the points as float32.
     """
     plane = np.asarray(src, dtype=np.float64)
     if plane.ndim >= 2 and plane.shape[-1] == 3:

@@ -90,7 +90,7 @@ def homographies_of_views(bundle: Bundle, *, backend: str = "numba") -> Float:
         for i in range(count):
             rows = slice(bundle.offsets[i], bundle.offsets[i + 1])
             try:
-                H[i] = fit_homography(bundle.points[rows, :2], bundle.measured[rows])
+                H[i] = fit_homography(bundle.points[rows, :2], bundle.measured[rows], refine=False)
             except DegenerateGeometryError:
                 bad[i] = True
     if bad.any():
