@@ -251,12 +251,21 @@ def _judge_data(
               action="Tilt the board by about 30° to the left, to the right, up and down, a few pairs each.",
               decides=False),
     ]  # fmt: skip
-    names = ("from left to right", "from top to bottom", "from far to near", "in tilt")
-    worst_side = {i: min(r[i] for r in ranges.values()) for i in range(4)}
-    for i, key in enumerate(("range_x", "range_y", "range_size", "range_skew")):
+    ways = (
+        (
+            "range_x",
+            "from left to right",
+            "Hold the board farther to the left and to the right, up to the image's edge.",
+        ),
+        ("range_y", "from top to bottom", "Hold the board higher and lower, up to the image's edge."),
+        ("range_size", "from far to near", "Come nearer, until the board fills most of the image's height."),
+        ("range_skew", "in tilt", "Tilt the board by 30 to 45°, also about its diagonals."),
+    )
+    for i, (key, how, cure) in enumerate(ways):
         verdicts.append(
-            judge("data", key, worst_side[i], f"How far the boards range {names[i]}, of 1; the camera that saw less.",
-                  cause=f"The boards hardly differ {names[i]}.", action=add, at_worst="usable", decides=False)
+            judge("data", key, min(r[i] for r in ranges.values()),
+                  f"How far the boards range {how}, of 1; the camera that saw less.",
+                  cause=f"The boards differ little {how}.", action=cure, at_worst="usable", decides=False)
         )  # fmt: skip
     for key, index, what in (("inner_cells", 1, "inside"), ("border_cells", 0, "border strip")):
         value = 100 * min(float(c[index].mean()) for c in cells.values())

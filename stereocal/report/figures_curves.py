@@ -60,9 +60,7 @@ def draw_depth_uncertainty(
     figure, grid = new_figure(PANEL, 3.0)
     axes = grid[0, 0]
     if board_range is not None:
-        axes.axvspan(*board_range, color=SKY, alpha=0.18, linewidth=0)
-        axes.annotate("boards stood here", (sum(board_range) / 2, 0.03), xycoords=("data", "axes fraction"),
-                      ha="center", va="bottom", fontsize=SMALL, color=MUTED)  # fmt: skip
+        axes.axvspan(*board_range, color=SKY, alpha=0.18, linewidth=0, label="boards stood here")
     axes.plot(z, 100 * np.hypot(a, b) / z, color=INK, linewidth=2.0, label="both together")
     axes.plot(z, 100 * a / z, color=AMBER, linewidth=1.4, linestyle="--", label="disparity noise")
     axes.plot(z, 100 * b / z, color=LEFT, linewidth=1.4, linestyle=":", label="calibration")

@@ -237,7 +237,13 @@ def draw_signed_map(
 
 
 def draw_field(
-    values: ArrayLike, image_size: tuple[int, int], *, title: str, label: str, contours: Sequence[float] = ()
+    values: ArrayLike,
+    image_size: tuple[int, int],
+    *,
+    title: str,
+    label: str,
+    limit: float | None = None,
+    contours: Sequence[float] = (),
 ) -> Figure:
     """Draw a field of values ≥ 0 over the image, from a coarse grid, with contour lines.
 
@@ -247,6 +253,8 @@ def draw_field(
         On a regular grid whose outer samples lie on the image's edges; NaN where unknown.
     image_size : tuple of (width, height)
     title, label : str
+    limit : float, optional
+        Top of the colours; by default the 98 percentile.
     contours : sequence of float
         Values to draw as lines.
 
@@ -261,7 +269,7 @@ def draw_field(
     figure, grid = new_figure(PANEL, image_panel_height(image_size))
     axes = grid[0, 0]
     finite = field[np.isfinite(field)]
-    top = float(np.percentile(finite, 98)) if finite.size else 1.0
+    top = limit or (float(np.percentile(finite, 98)) if finite.size else 1.0)
     shown = axes.imshow(
         field, cmap=matplotlib.colormaps[SEQUENTIAL].with_extremes(bad=NO_VALUE), vmin=0, vmax=top or 1.0,
         extent=(-0.5, width - 0.5, height - 0.5, -0.5), interpolation="bilinear",

@@ -183,13 +183,16 @@ def judge_halves(halves: Halves, image_size: tuple[int, int]) -> tuple[Verdict, 
         "difference_rms": float(np.sqrt(np.mean(halves.difference[worse][inside] ** 2))),
         "expected_rms": float(np.sqrt(np.mean(halves.expected[worse][inside] ** 2))),
     }
+    # one scale for both, set where corners were seen: beyond, both run away
+    top = 1.5 * float(max(halves.difference[worse][inside].max(), halves.expected[worse][inside].max()))
     pictures = (
         Picture("halves_difference",
                 f"How far the {name} cameras of two half-data calibrations part, pixels. Beyond the boards' "
                 "reach both guess.",
                 lambda: draw_field(halves.difference[worse], image_size, title=f"two halves part, {name}",
-                                   label="projection difference, px")),
+                                   label="projection difference, px", limit=top)),
         Picture("halves_expected", "One σ of that difference, as both covariances promise it.",
-                lambda: draw_field(halves.expected[worse], image_size, title=f"promised σ, {name}", label="σ, px")),
+                lambda: draw_field(halves.expected[worse], image_size, title=f"promised σ, {name}",
+                                   label="σ, px", limit=top)),
     )  # fmt: skip
     return verdict, facts, pictures

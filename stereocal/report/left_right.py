@@ -3,7 +3,8 @@
 The right image's own disparity comes from matching the mirrored pair with its sides exchanged: if left pixel x matches
 right pixel x − d, then in the mirror (x → W − 1 − x) the right image's pixel matches one d to its left, which is what a
 matcher of the left image finds. A left pixel is confirmed if the pixel that it points to points back to within a pixel.
-Unlike the number of disparities, that share cannot be raised by smoothing.
+Unlike the number of disparities, that share cannot be raised by smoothing. A pixel whose match lies where the right
+image has no computable window cannot be asked, and does not count.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ def mirror(image: NDArray[Any]) -> NDArray[Any]:
 
 
 def confirmed_pixels(
-    disparity: NDArray[np.float32], right_disparity: NDArray[np.float32], tolerance: float = 1.0
-) -> NDArray[np.bool_]:
+    disparity: NDArray[np.float32], right_disparity: NDArray[np.float32], columns: range, tolerance: float = 1.0
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Left pixels whose match in the right image has the same disparity within `tolerance`.
 
     Parameters
@@ -30,18 +31,23 @@ def confirmed_pixels(
         Of the left image, pixels, NaN where there is none.
     right_disparity : ndarray of shape (H, W)
         Of the right image: its pixel x matches left pixel x + d.
+    columns : range
+        The columns that the matcher answers for in a left image; in the right image they are mirrored.
     tolerance : float
         Pixels.
 
     Returns
     -------
-    ndarray of bool, shape (H, W)
+    confirmed, asked : ndarray of bool, shape (H, W)
+        Pixels that are confirmed, and those that could be asked.
     """
+    width = disparity.shape[1]
     y, x = np.nonzero(np.isfinite(disparity))
     d = disparity[y, x]
     at = np.rint(x - d).astype(np.int64)
-    inside = (at >= 0) & (at < disparity.shape[1])
-    confirmed = np.zeros(disparity.shape, dtype=bool)
-    back = right_disparity[y[inside], at[inside]]
-    confirmed[y[inside], x[inside]] = np.abs(back - d[inside]) <= tolerance  # NaN compares as False
-    return confirmed
+    inside = (at > width - 1 - columns.stop) & (at <= width - 1 - columns.start)
+    y, x, d, at = y[inside], x[inside], d[inside], at[inside]
+    asked, confirmed = np.zeros(disparity.shape, dtype=bool), np.zeros(disparity.shape, dtype=bool)
+    asked[y, x] = True
+    confirmed[y, x] = np.abs(right_disparity[y, at] - d) <= tolerance  # NaN compares as False
+    return confirmed, asked

@@ -108,7 +108,7 @@ def examine_metric(
         judge("metric", "square_bias", abs(bias), "Mean scale of the triangulated boards against the board's own. It "
               "cannot validate absolute scale: the fit has used the same squares.",
               cause="The geometry of the two cameras contradicts the board's.",
-              action="See the fit and the epipolar block."),
+              action="Look at the flatness of the board and at the pairs that stand out."),
         judge("metric", "plane", plane_rms / max(plane_sigma, 1e-300),
               "RMS distance of triangulated corners from their board's plane, over what corner noise alone gives.",
               cause="The board bends, or the shutters are not synchronous.",

@@ -77,9 +77,9 @@ class QualityReport:
 
     @property
     def actions(self) -> list[Verdict]:
-        """Verdicts that ask for something, bad and deciding ones first."""
-        asking = [v for v in self.verdicts if v.action]
-        return sorted(asking, key=lambda v: (v.verdict != "bad", not v.decides))
+        """Verdicts that ask for something, each action once, bad and deciding ones first."""
+        asking = sorted((v for v in self.verdicts if v.action), key=lambda v: (v.verdict != "bad", not v.decides))
+        return list({v.action: v for v in reversed(asking)}.values())[::-1]
 
     @property
     def tiles(self) -> list[tuple[str, str, str]]:

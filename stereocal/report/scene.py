@@ -29,7 +29,7 @@ from stereocal.reconstruction.sad import as_gray_pair
 from stereocal.report.figures_curves import draw_sweep_speckles, draw_sweep_windows
 from stereocal.report.figures_images import draw_disparity, draw_rectified_pair
 from stereocal.report.left_right import confirmed_pixels, mirror
-from stereocal.report.verdicts import Block, Picture, judge
+from stereocal.report.verdicts import Block, Picture, Table, judge
 
 Image = NDArray[np.uint8]
 
@@ -37,12 +37,15 @@ _SHIFTS = tuple(range(-4, 5))
 _PARTS = (3, 3)
 
 
-def match_both(left: Image, right: Image, count: int, block: int) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Disparity of the left image, and which of it the right image confirms."""
+def match_both(
+    left: Image, right: Image, count: int, block: int
+) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Disparity of the left image, which of it the right image confirms, and about which it can be asked."""
     options: dict[str, Any] = {"num_disparities": count, "block_size": block}
     disparity = match_bm(left, right, **options)
     back = match_bm(mirror(right), mirror(left), **options)[:, ::-1]
-    return disparity, confirmed_pixels(disparity, back)
+    columns, _ = valid_region(left.shape, count, 0, block)
+    return disparity, *confirmed_pixels(disparity, back, columns)
 
 
 def row_offsets(left: Image, right: Image, count: int, *, block: int = 15) -> tuple[float, Float]:
@@ -67,7 +70,7 @@ def row_offsets(left: Image, right: Image, count: int, *, block: int = 15) -> tu
     counts = []
     for shift in _SHIFTS:
         moved = np.roll(right, -shift, axis=0)
-        _, confirmed = match_both(left, moved, count, block)
+        _, confirmed, _ = match_both(left, moved, count, block)
         confirmed[: max(_SHIFTS)] = confirmed[-max(_SHIFTS) :] = False
         counts.append([[float(part.sum()) for part in np.array_split(band, _PARTS[1], axis=1)]
                        for band in np.array_split(confirmed, _PARTS[0], axis=0)])  # fmt: skip
@@ -111,17 +114,20 @@ def examine_scene(
     rectification = rectify(rig)
     pair = rectification.apply(np.asarray(left), np.asarray(right))
     gray = as_gray_pair(*pair)
-    disparity, confirmed = match_both(*gray, num_disparities, block_size)
+    disparity, confirmed, asked = match_both(*gray, num_disparities, block_size)
     valid = np.isfinite(disparity)
     columns, rows = valid_region(gray[0].shape, num_disparities, 0, block_size)
     computable = len(columns) * len(rows)
-    consistency = 100 * float(confirmed.sum() / max(valid.sum(), 1))
+    consistency = 100 * float(confirmed.sum() / max(asked.sum(), 1))
     offset, parts = row_offsets(*gray, num_disparities)
+    seen = parts[np.isfinite(parts)]
+    spread = float(np.sqrt(np.mean(seen**2))) if seen.size else float("nan")
     off = "Away from where boards were seen the lens is extrapolated, or the rotation between the cameras is off."
     verdicts = (
-        judge("disparity", "scene_rows", abs(offset),
-              "How many rows left and right differ on this scene, where no board took part.",
-              cause=off, action="Add views with the board in the image's corners and edges; check the board's flatness."),
+        judge("disparity", "scene_rows", spread,
+              "How many rows left and right differ on this scene, RMS over the ninths of the image.",
+              cause=off,
+              action="Add views with the board in the image's corners and edges; check the board's flatness."),
         judge("disparity", "consistency", consistency, "Disparities that the right image confirms to a pixel.",
               cause="Repeated or blank surfaces, reflections, or rows that do not agree.",
               action="If the rows agree, choose another scene with more texture, or a larger window.",
@@ -129,13 +135,15 @@ def examine_scene(
     )  # fmt: skip
     fill = valid.sum() / max(computable, 1)
     facts: dict[str, Any] = {
-        "row_offset": offset, "row_offset_parts": parts.tolist(), "consistency_percent": consistency,
+        "row_offset": offset, "row_offset_rms": spread, "row_offset_parts": parts.tolist(),
+        "consistency_percent": consistency,
         "disparities": int(valid.sum()), "computable": computable, "fill": float(fill),
         "num_disparities": num_disparities, "block_size": block_size,
     }  # fmt: skip
     lead = (
-        f"On the scene the rows differ by {abs(offset):.2f} px; {fill:.0%} of the pixels that can have a disparity "
-        f"have one, and the right image confirms {consistency:.0f} % of them. Fill alone says little: smoothing raises it."
+        f"On the scene the rows differ by {spread:.2f} px RMS over the ninths of the image; {fill:.0%} of the pixels "
+        f"that can have a disparity have one, and the right image confirms {consistency:.0f} % of them. Fill alone "
+        "says little: smoothing raises it."
     )
     pictures = [
         Picture("scene_rectified",
@@ -148,7 +156,11 @@ def examine_scene(
         text, more, found = _sweep_findings(sweep)
         lead, facts["sweep"] = f"{lead} {text}", found
         pictures += more
-    return Block("disparity", "Disparity", lead, verdicts, facts, (), tuple(pictures))
+    cells = tuple(tuple("–" if np.isnan(v) else f"{v:+.2f}" for v in row) for row in parts)
+    table = Table(
+        "Row offset in each ninth of the image, px (– too little to tell)", ("left", "middle", "right"), cells
+    )
+    return Block("disparity", "Disparity", lead, verdicts, facts, (table,), tuple(pictures))
 
 
 def _sweep_findings(sweep: Any) -> tuple[str, list[Picture], dict[str, Any]]:
@@ -159,8 +171,8 @@ def _sweep_findings(sweep: Any) -> tuple[str, list[Picture], dict[str, Any]]:
     holds = any(27 <= b <= 31 for b in near)
     text = (
         f"The most disparities above 0 come from windows of {best} (within 2 % from {near[0]} to {near[-1]}); the "
-        f"paper's 27 to 31 {'lie within that' if holds else 'do not hold here'}. Small windows answer less because they "
-        "are not unique and their islands are filtered away, and large ones because they fit in fewer places: the "
+        f"paper's 27 to 31 {'lie within that' if holds else 'do not hold here'}. Small windows answer less because "
+        "they are not unique and their islands are filtered away, and large ones because they fit in fewer places: the "
         "falling branch is mostly geometry (dashed)."
     )
     shown = dict.fromkeys((sweep.speckle_sizes[0], sweep.speckle_sizes[-1]))

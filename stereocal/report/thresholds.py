@@ -129,7 +129,7 @@ THRESHOLDS: dict[str, Threshold] = {
     ),
     "epipolar_p95": Threshold("held-out |Δy|, 95 %", 1.0, 2.0, "px", "ours: twice the limits for the RMS"),
     # metric
-    "square_bias": Threshold("scale of the triangulated boards", 0.1, 0.5, "%", "ours"),
+    "square_bias": Threshold("scale of the triangulated boards", 0.2, 1.0, "%", "ours"),
     "plane": Threshold("flatness of the triangulated boards", 1.5, 2.5, "σ", "ours: over what corner noise explains"),
     "board_shape": Threshold("bend of the board", 0.5, 2.0, "% of a square", "ours"),
     "known_distance": Threshold("known distance", 0.5, 2.0, "%", "ours"),

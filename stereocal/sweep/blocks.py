@@ -64,7 +64,8 @@ class SweepRow:
     computable : int
         Pixels whose window and search lie in the images: no more can have a disparity.
     consistency : float
-        Of the pixels with a disparity, the share that the right image confirms to a pixel; NaN without any.
+        Of the pixels with a disparity that the right image can be asked about, the share that it confirms to a pixel;
+        NaN without any.
     bad : float
         Of the pixels with a disparity and a truth, the share that is wrong; NaN without truth.
     """
@@ -110,9 +111,10 @@ def sweep_block(
     """
     disparity = match(left, right, block_size, settings)
     mirrored = match(mirror(right), mirror(left), block_size, settings)
-    confirmed = confirmed_pixels(disparity, mirrored[:, ::-1])
+    columns, lines = computable_region(left.shape, block_size, settings)
+    confirmed, asked = confirmed_pixels(disparity, mirrored[:, ::-1], columns)
     islands = island_sizes(disparity, settings.speckle_range / 16)
-    computable = computable_pixels(left.shape, block_size, settings)
+    computable = len(columns) * len(lines)
     positive = disparity > 0
     wrong = known = None
     if truth is not None:
@@ -123,7 +125,7 @@ def sweep_block(
     for size in speckle_sizes:
         kept = positive & (islands > size)
         count = int(np.count_nonzero(kept))
-        consistency = _share(kept & confirmed, count)
+        consistency = _share(kept & confirmed, int(np.count_nonzero(kept & asked)))
         bad = float("nan")
         if wrong is not None and known is not None:
             bad = _share(kept & wrong, int(np.count_nonzero(kept & known)))
@@ -145,13 +147,11 @@ def match(left: Image, right: Image, block_size: int, settings: SweepSettings) -
     )  # fmt: skip
 
 
-def computable_pixels(shape: tuple[int, ...], block_size: int, settings: SweepSettings) -> int:
-    """How many pixels have a window and a search that lie in the images."""
+def computable_region(shape: tuple[int, ...], block_size: int, settings: SweepSettings) -> tuple[range, range]:
+    """Columns and rows of the pixels whose window and search lie in the images."""
     if settings.method == "sad":
-        columns, rows = matched_region(shape, settings.num_disparities, settings.min_disparity, block_size // 2)
-    else:
-        columns, rows = valid_region(shape, settings.num_disparities, settings.min_disparity, block_size)
-    return len(columns) * len(rows)
+        return matched_region(shape, settings.num_disparities, settings.min_disparity, block_size // 2)
+    return valid_region(shape, settings.num_disparities, settings.min_disparity, block_size)
 
 
 def _share(mask: NDArray[np.bool_], total: int) -> float:
