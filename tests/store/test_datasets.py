@@ -58,6 +58,7 @@ def test_a_missing_set_says_where_it_was_looked_for(tmp_path, monkeypatch):
 @pytest.fixture
 def server(tmp_path):
     """A folder served over HTTP on this machine."""
+    pytest.importorskip("pooch")
 
     class Quiet(SimpleHTTPRequestHandler):
         def log_message(self, *arguments: object) -> None:
