@@ -108,7 +108,13 @@ class Rectification:
         return self._maps
 
     def apply(
-        self, left: ArrayLike, right: ArrayLike, *, interpolation: str = "bilinear", border_value: float = 0
+        self,
+        left: ArrayLike,
+        right: ArrayLike,
+        *,
+        interpolation: str = "bilinear",
+        border_value: float = 0,
+        only_valid: bool = False,
     ) -> tuple[NDArray[Any], NDArray[Any]]:
         """Rectify a pair of images.
 
@@ -120,6 +126,8 @@ class Rectification:
             See :func:`stereocal.remap`.
         border_value : float
             What stands where a camera did not look.
+        only_valid : bool
+            Whether to blank what :meth:`valid_mask` rules out: the ghosts that a lens formula shows beyond the edge.
 
         Returns
         -------
@@ -139,6 +147,8 @@ class Rectification:
         for (name, image, camera), maps in zip(sides, self._maps, strict=True):
             require_size(image, camera, name)
             pictures.append(remap(image, *maps, interpolation=interpolation, border_value=border_value))
+            if only_valid:
+                pictures[-1][~self.valid_mask(name.removesuffix(" image"))] = border_value
         return pictures[0], pictures[1]
 
     def valid_mask(self, which: str = "both") -> NDArray[np.bool_]:

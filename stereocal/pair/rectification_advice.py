@@ -14,6 +14,7 @@ vertical rig               the baseline lies along y                            
 baseline along the view    the rotation w that lays the baseline on an axis is large                   above 40°
 converging cameras         the angle between the optical axes                                          above 40°
 hardly a common view       share of the rectified picture that both cameras fill                       below 20 %
+ghosts                     share of a picture where the lens formula folds over and shows things twice  above 1 %
 =========================  ==========================================================================  =============
 """
 
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from stereocal.pair.rig import StereoRig
 
 _UPSIDE_DOWN, _ON_ITS_SIDE, _ALONG_VIEW, _CONVERGING = (float(np.radians(a)) for a in (135, 45, 40, 40))
-_LEAST_COMMON = 0.2
+_LEAST_COMMON, _MOST_GHOSTS = 0.2, 0.01
 _GRID = 48
 
 
@@ -98,7 +99,7 @@ def rig_warnings(rig: StereoRig, axis: int, baseline: float, R2: Float) -> list[
 
 
 def view_warnings(result: Rectification) -> list[str]:
-    """Say so if hardly any pixel of the rectified pictures is filled by both cameras.
+    """Say so if hardly any pixel is filled by both cameras, or if the lens formula folds over within the picture.
 
     Parameters
     ----------
@@ -110,21 +111,31 @@ def view_warnings(result: Rectification) -> list[str]:
     list of str
     """
     sides = ((result.rig.left, result.R1, result.P1), (result.rig.right, result.R2, result.P2))
-    filled = [_filled(camera, R, P, result.image_size) for camera, R, P in sides]
+    seen = [_filled(camera, R, P, result.image_size) for camera, R, P in sides]
+    filled = [part for part, _ in seen]
+    said = []
+    ghosts = max(float(folded.mean()) for _, folded in seen)
+    if ghosts > _MOST_GHOSTS:
+        said.append(
+            f"In {100 * ghosts:.0f} % of a rectified picture the lens formula folds over and shows things a second "
+            "time, beyond the edge of what the camera saw. Blank these pixels (apply(..., only_valid=True), or "
+            "valid_mask), zoom in (smaller alpha), or calibrate with corners nearer to the image's edge."
+        )
     names = [n for n, part in zip(("left", "right"), filled, strict=True) if part.mean() < _LEAST_COMMON]
     both = float((filled[0] & filled[1]).mean())
     if both >= _LEAST_COMMON:
-        return []
+        return said
     which = f"the {' and the '.join(names)} picture" if names else "what both pictures show"
     return [
+        *said,
         f"The rectified pictures are nearly empty: both cameras fill only {100 * both:.0f} % of them ({which}). Try "
         "view='common' or another alpha; if that does not help, the calibration does not fit these cameras: check its "
-        "residuals, the pairing of the images and the board's size."
+        "residuals, the pairing of the images and the board's size.",
     ]
 
 
-def _filled(camera: Camera, R: Float, P: Float, size: tuple[int, int]) -> np.ndarray:
-    """Tell on a coarse grid of a rectified picture which of its pixels the camera fills."""
+def _filled(camera: Camera, R: Float, P: Float, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Tell on a coarse grid of a rectified picture which pixels the camera fills, and which show a ghost."""
     from stereocal.camera.distortion import distort_normalized, to_pixels
     from stereocal.camera.undistortion import inverse_of_new_camera
 
@@ -142,7 +153,8 @@ def _filled(camera: Camera, R: Float, P: Float, size: tuple[int, int]) -> np.nda
     if inside.any():
         back[inside] = camera.undistort_points(places[inside], R=R, P=P[:, :3])
     with np.errstate(invalid="ignore"):
-        return np.asarray(inside & (np.linalg.norm(back - pixels, axis=1) < 1))
+        returns = np.linalg.norm(back - pixels, axis=1) < 1
+    return inside & returns, inside & ~returns
 
 
 def _spelt(T: Float) -> str:

@@ -68,7 +68,9 @@ def undistort_border(points: Float, camera: Camera) -> Float:
             too_far = ~(np.hypot(rays[:, 0], rays[:, 1]) <= _WIDEST)
         return np.where(too_far[:, None], np.nan, rays)
     K = camera.K
-    start = np.stack([(points[:, 0] - K[0, 2]) * (1 / K[0, 0]), (points[:, 1] - K[1, 2]) * (1 / K[1, 1])], axis=1)
+    start = given = np.stack(
+        [(points[:, 0] - K[0, 2]) * (1 / K[0, 0]), (points[:, 1] - K[1, 2]) * (1 / K[1, 1])], axis=1
+    )
     if k[12] or k[13]:
         upright = to_homogeneous(start) @ np.linalg.inv(tilt_matrix(k[12], k[13])).T
         start = upright[:, :2] / upright[:, 2:]
@@ -82,8 +84,8 @@ def undistort_border(points: Float, camera: Camera) -> Float:
         dy = k[2] * (r2 + 2 * y * y) + 2 * k[3] * x * y + k[10] * r2 + k[11] * r2 * r2
         # a negative factor would turn the point through the centre: OpenCV gives up and returns the distorted point
         alive &= shrink >= 0
-        x = np.where(alive, (x0 - dx) * shrink, start[:, 0])
-        y = np.where(alive, (y0 - dy) * shrink, start[:, 1])
+        x = np.where(alive, (x0 - dx) * shrink, given[:, 0])
+        y = np.where(alive, (y0 - dy) * shrink, given[:, 1])
     return np.stack([x, y], axis=1)
 
 

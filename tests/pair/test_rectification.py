@@ -180,6 +180,19 @@ def test_valid_mask_is_where_a_white_picture_stays_white() -> None:
     assert (left[~result.valid_mask("left")] < 255).mean() > 0.95
 
 
+def test_ghosts_are_told_and_blanked() -> None:
+    """k3 < 0: far out the formula comes back and shows the middle again."""
+    result = rectify(simple_rig(dist=(-0.4, 0.17, 0, 0, -0.045), f=430.0), alpha=1)
+    assert any("folds over" in warning for warning in result.warnings)
+    white = np.full((480, 640), 255, np.uint8)
+    plain, _ = result.apply(white, white)
+    clean, _ = result.apply(white, white, only_valid=True)
+    mask = result.valid_mask("left")
+    assert (clean[~mask] == 0).all()
+    np.testing.assert_array_equal(clean[mask], plain[mask])
+    assert (plain[~mask] > 0).mean() > 0.02
+
+
 def test_roi_holds_no_black_pixel() -> None:
     result = rectify(simple_rig(), alpha=0.5)
     for roi, which in ((result.roi1, "left"), (result.roi2, "right")):
