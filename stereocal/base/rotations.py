@@ -144,15 +144,13 @@ def rotation_vectors(R: Float) -> Float:
     d0, d1, d2 = R[:, 0, 0], R[:, 1, 1], R[:, 2, 2]
     a, b, c = R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]
     xy, xz, yz = R[:, 0, 1] + R[:, 1, 0], R[:, 0, 2] + R[:, 2, 0], R[:, 1, 2] + R[:, 2, 1]
-    columns = np.stack(
-        [
-            np.stack([1 + d0 + d1 + d2, a, b, c], axis=1),
-            np.stack([a, 1 + d0 - d1 - d2, xy, xz], axis=1),
-            np.stack([b, xy, 1 - d0 + d1 - d2, yz], axis=1),
-            np.stack([c, xz, yz, 1 - d0 - d1 + d2], axis=1),
-        ],
-        axis=1,
-    )
+    entries = [
+        [1 + d0 + d1 + d2, a, b, c],
+        [a, 1 + d0 - d1 - d2, xy, xz],
+        [b, xy, 1 - d0 + d1 - d2, yz],
+        [c, xz, yz, 1 - d0 - d1 + d2],
+    ]
+    columns = np.array(entries).transpose(2, 0, 1)
     best = np.argmax(columns[:, range(4), range(4)], axis=1)
     q = columns[np.arange(len(R)), best]
     q = q / np.linalg.norm(q, axis=1, keepdims=True)

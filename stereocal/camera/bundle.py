@@ -44,12 +44,13 @@ Argyros (2009).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from stereocal.base.checks import Float
-from stereocal.base.rotations import rotation_matrices, rotation_matrix
+from stereocal.base.rotations import rotation_matrices, rotation_matrix, rotation_vectors
 from stereocal.camera.distortion_base import DistortionModel
 from stereocal.camera.projection import perspective_jacobian
 
@@ -153,6 +154,11 @@ class BundleState:
     t_views: Float
     shape: Float = field(default_factory=lambda: np.zeros(0))
 
+    @cached_property
+    def rvecs(self) -> Float:
+        """Rotation vectors of the views, (V, 3)."""
+        return rotation_vectors(self.R_views)
+
     def shared_vector(self) -> Float:
         """Return all shared parameters in a row; the rig's rotations, which are corrected by ω, count as 0."""
         rig = [np.concatenate([np.zeros(3), t]) for t in self.t_rig[1:]]
@@ -178,7 +184,8 @@ class BundleState:
 class NormalEquations:
     """F and its normal equations at a state: U (F, F), b_z (F,), V (V, 6, 6), b_v (V, 6), W (V, F, 6).
 
-    `schur` keeps the Schur complement once ``bundle_solver.schur_complement`` has computed it.
+    `schur` and `inverse` keep the Schur complement and S⁻¹ once ``bundle_solver`` and ``covariance`` have computed
+    them.
     """
 
     cost: float
@@ -188,6 +195,7 @@ class NormalEquations:
     b_views: Float
     W: Float
     schur: tuple[Float, Float] | None = None
+    inverse: tuple[Float, Float] | None = None
 
 
 def residuals(bundle: Bundle, state: BundleState) -> Float:

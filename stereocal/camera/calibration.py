@@ -31,7 +31,6 @@ from numpy.typing import ArrayLike
 
 from stereocal.base.checks import Float, as_image_size, require_choice, require_positive
 from stereocal.base.errors import DegenerateGeometryError, InputError
-from stereocal.base.rotations import rotation_vectors
 from stereocal.camera.board_shape import BoardShape, board_line
 from stereocal.camera.board_shape_fit import board_shape_of, fit_shape
 from stereocal.camera.bundle import Bundle, BundleState, residuals
@@ -285,7 +284,7 @@ def _result(
     counts = np.diff(bundle.offsets)
     return CameraCalibration(
         camera=camera,
-        rvecs=rotation_vectors(state.R_views),
+        rvecs=state.rvecs,
         tvecs=state.t_views.copy(),
         rms=float(np.sqrt(squares.mean())),
         view_rms=np.sqrt(np.add.reduceat(squares, bundle.offsets[:-1]) / counts),

@@ -89,7 +89,7 @@ def bundle_covariance(bundle: Bundle, state: BundleState, equations: NormalEquat
     cross = -(Y @ (S_inv @ bundle.G.T)).reshape(-1, 6, n).transpose(0, 2, 1)
     views = np.linalg.inv(equations.V) + (Y @ S_inv).reshape(-1, 6, free) @ V_inv_Wt.transpose(0, 2, 1)
 
-    turn = left_jacobian_inverse(rotation_vectors(state.R_views))
+    turn = left_jacobian_inverse(state.rvecs)
     cross[:, :, :3] = cross[:, :, :3] @ turn.transpose(0, 2, 1)
     views[:, :3, :] = turn @ views[:, :3, :]
     views[:, :, :3] = views[:, :, :3] @ turn.transpose(0, 2, 1)
@@ -110,6 +110,8 @@ def inverse_of_schur(equations: NormalEquations) -> tuple[Float, Float] | None:
     implies, which is large: eigenvalues of S, its rows scaled to a unit diagonal, count as at least 1e-16 of the
     largest.
     """
+    if equations.inverse is not None:
+        return equations.inverse
     try:
         S, V_inv_Wt = schur_complement(equations)
     except np.linalg.LinAlgError:
@@ -120,4 +122,5 @@ def inverse_of_schur(equations: NormalEquations) -> tuple[Float, Float] | None:
     scale = 1 / np.sqrt(diagonal)
     values, vectors = np.linalg.eigh(S * scale[:, None] * scale)
     half = scale[:, None] * vectors / np.sqrt(np.maximum(values, 1e-16 * values[-1])) if len(values) else S
-    return half @ half.T, V_inv_Wt
+    equations.inverse = (half @ half.T, V_inv_Wt)
+    return equations.inverse

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 
 from stereocal.base.checks import Float
 from stereocal.base.errors import DegenerateGeometryError
-from stereocal.base.rotations import rotation_vectors
 from stereocal.camera.bundle import BundleState
 from stereocal.camera.bundle_problem import intrinsics_of, make_bundle
 from stereocal.camera.bundle_solver import solve_bundle
@@ -58,7 +57,7 @@ def estimate_poses(
     theta = intrinsics_of(camera)
     bundle = make_bundle([lens], [objects], [images], np.zeros((len(theta), 0)))
     solution = solve_bundle(bundle, BundleState([theta], np.eye(3)[None], np.zeros((1, 3)), R, t))
-    return rotation_vectors(solution.state.R_views), solution.state.t_views
+    return solution.state.rvecs, solution.state.t_views
 
 
 def initial_poses(objects: list[Float], images: list[Float], camera: Camera) -> tuple[Float, Float]:

@@ -159,9 +159,9 @@ def _image_normalization(H: Float, centre: Float | None) -> Float:
     with np.errstate(all="ignore"):
         origins = H[:, :2, 2] / H[:, 2, 2:]
     origins = origins[np.all(np.isfinite(origins), axis=1)]
-    middle = centre if centre is not None else (np.median(origins, axis=0) if len(origins) else np.zeros(2))
+    middle = centre if centre is not None else (origins.mean(axis=0) if len(origins) else np.zeros(2))
     # the size of the image is not known: the origins' distance from (0, 0) tells its order of magnitude
-    scale = float(np.median(np.hypot(*origins.T))) if len(origins) else 1.0
+    scale = float(np.hypot(*origins.T).mean()) if len(origins) else 1.0
     scale = scale if scale > 0 else 1.0
     return np.array([[1 / scale, 0, -middle[0] / scale], [0, 1 / scale, -middle[1] / scale], [0, 0, 1.0]])
 

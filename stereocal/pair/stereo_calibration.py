@@ -25,7 +25,7 @@ from scipy.linalg import block_diag
 
 from stereocal.base.checks import Float, as_image_size, require_choice, require_positive
 from stereocal.base.errors import DegenerateGeometryError, InputError
-from stereocal.base.rotations import rotation_matrix, rotation_vector, rotation_vectors
+from stereocal.base.rotations import rotation_matrix, rotation_vector
 from stereocal.camera.board_shape import BoardShape, board_line
 from stereocal.camera.board_shape_fit import board_shape_of, fit_shape
 from stereocal.camera.bundle import Bundle, BundleState, residuals
@@ -324,7 +324,7 @@ def _result(
         left_rms=float(np.sqrt(sums[0] / counts[0])),
         right_rms=float(np.sqrt(sums[1] / counts[1])),
         view_rms=view_rms,
-        rvecs=rotation_vectors(state.R_views),
+        rvecs=state.rvecs,
         tvecs=state.t_views.copy(),
         residuals=per_side,
         parameter_names=tuple(names),
