@@ -42,6 +42,7 @@ Source: H. Hirschmüller, *Stereo processing by semiglobal matching and mutual i
 from __future__ import annotations
 
 import math
+import threading
 from functools import partial
 
 import numpy as np
@@ -71,7 +72,10 @@ DIRECTIONS = {
 
 
 VOLUME_BYTES = 2**27
-"""The memory for C and S up to which they are held as a whole."""
+"""The memory for C and S up to which they are held as a whole; and the most that is kept from call to call."""
+
+_KEPT: list[NDArray[np.uint8]] = []
+_KEPT_LOCK = threading.Lock()
 
 
 def match_sgm(
@@ -271,7 +275,27 @@ def _match_by_kernels(
     run_together([half.arrive for half in halves], min(threads, 2))
     met = [half.state.copy() for half in halves]
     run_together([partial(halves[0].leave, met[1]), partial(halves[1].leave, met[0])], min(threads, 2))
+    for half in halves:
+        return_memory(half.memory)
     return disparity
+
+
+def borrow_memory(size: int) -> NDArray[np.uint8]:
+    """Return at least `size` bytes of scratch memory, an earlier call's if that is large enough.
+
+    Fresh memory is zeroed by the system, page by page, when it is first written: a fifth of the time of a call at
+    640x480. So a call leaves its memory to the next; see :func:`return_memory`.
+    """
+    with _KEPT_LOCK:
+        memory = _KEPT.pop() if _KEPT else None
+    return memory if memory is not None and len(memory) >= size else np.empty(size, np.uint8)
+
+
+def return_memory(memory: NDArray[np.uint8]) -> None:
+    """Keep scratch memory for the next call: two pieces at most, :data:`VOLUME_BYTES` together."""
+    with _KEPT_LOCK:
+        if len(_KEPT) < 2 and len(memory) <= VOLUME_BYTES // 2:
+            _KEPT.append(memory)
 
 
 def rows_of_strip(height: int, cells: int) -> int:
@@ -320,8 +344,10 @@ class _Half:
         self.strips, self.step = strips, step
         self.pair, self.guide, self.recipe, self.block_size, self.search = pair, guide, recipe, block_size, search
         self.P1, self.penalties, self.paths, self.disparity = P1, penalties, paths, disparity
-        self.cost = np.empty((tallest, width, pair.lanes), np.uint8)
-        self.total = np.empty(tallest * width * pair.lanes, np.uint16)
+        cells = tallest * width * pair.lanes
+        self.memory = borrow_memory(3 * cells)
+        self.cost = self.memory[:cells].reshape(tallest, width, pair.lanes)
+        self.total = self.memory[cells : 3 * cells].view(np.uint16)
         self.state = np.zeros(3 * (width + 2) * pair.lanes, np.uint8)
         self.checkpoints: list[NDArray[np.uint8]] = []
         self.selector = RowSelector(pair, search)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -104,6 +105,16 @@ def test_checkpoints_change_nothing(paths, height, rows) -> None:
     ]
     np.testing.assert_array_equal(maps[1], maps[0])
     np.testing.assert_array_equal(maps[2], maps[0])
+
+
+def test_calls_at_the_same_time_do_not_share_memory() -> None:
+    rng = np.random.default_rng(11)
+    pairs = [rng.integers(0, 256, (2, 40, 60)).astype(np.uint8) for _ in range(8)]
+    one_by_one = [match_sgm(*pair, num_disparities=16) for pair in pairs]
+    with ThreadPoolExecutor(4) as pool:
+        at_once = list(pool.map(lambda pair: match_sgm(*pair, num_disparities=16), pairs))
+    for a, b in zip(one_by_one, at_once, strict=True):
+        np.testing.assert_array_equal(a, b)
 
 
 def test_large_images_go_by_strips() -> None:
