@@ -1,15 +1,58 @@
-"""The commands beside the pipeline: convert, fetch, bench."""
+"""The commands beside the pipeline: crosscheck, convert, fetch, bench."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Literal
 
-from stereocal.cli.app import Output, answer, app
+from stereocal.cli.app import Output, answer, app, usage
 from stereocal.cli.terminal import Terminal
+from stereocal.workflow.quantities import parse_inner_corners, parse_length
 
 
 @app.command(sort_key=8)
+def crosscheck(
+    calibration: Path,
+    /,
+    *,
+    left: str | None = None,
+    right: str | None = None,
+    inner_corners: str | None = None,
+    square: str | None = None,
+    against: Literal["opencv"] = "opencv",
+    output: Output | None = None,
+) -> None:
+    """Recompute every step of a calibration with stereocal and OpenCV: where do they part, and who is right?
+
+    Example: `stereocal crosscheck out --left left --right right`
+
+    Parameters
+    ----------
+    calibration : Path
+        A calibration of two cameras in any known format, or the folder that `calibrate` wrote.
+    left : str
+        Photographs of the board, a folder or a glob; with them corners and optimum are judged too.
+    right : str
+        The same of the right camera; without it the left ones hold both images side by side.
+    inner_corners : str
+        Inner corners of the board, columns x rows; by default what calibration.json says.
+    square : str
+        Side of a square: 25, 25mm, 2.5cm, 1in; by default what calibration.json says.
+    against : str
+        The other opinion.
+    """
+    from stereocal.cli.summaries import summarize_crosscheck
+    from stereocal.workflow.crosschecks import run_crosscheck
+
+    with usage():
+        corners = None if inner_corners is None else parse_inner_corners(inner_corners)
+        length = None if square is None else parse_length(square)
+    del length  # parsed here only so that a wrong one counts as wrong usage
+    run = run_crosscheck(calibration, left=left, right=right, inner_corners=corners, square=square, progress=Terminal())
+    answer(output, run.as_dict, summarize_crosscheck(run))
+
+
+@app.command(sort_key=9)
 def convert(
     source: Path,
     target: Path,
@@ -42,7 +85,7 @@ def convert(
     answer(output, run.as_dict, summarize_conversion(run))
 
 
-@app.command(sort_key=9)
+@app.command(sort_key=10)
 def fetch(name: str, /, *, out: Path | None = None, output: Output | None = None) -> None:
     """Download a public data set, checked against its SHA-256.
 
@@ -64,7 +107,7 @@ def fetch(name: str, /, *, out: Path | None = None, output: Output | None = None
     answer(output, run.as_dict, summarize_fetch(run))
 
 
-@app.command(sort_key=10)
+@app.command(sort_key=11)
 def bench(kernels: list[str] | None = None, /, *, markdown: Path | None = None, output: Output | None = None) -> None:
     """Time kernels beside OpenCV on this machine: ratio and agreement.
 

@@ -21,6 +21,7 @@ from stereocal.workflow.benchmarks import BenchRun
 from stereocal.workflow.boards import DetectionRun
 from stereocal.workflow.calibrations import CalibrationRun
 from stereocal.workflow.conversions import ConversionRun
+from stereocal.workflow.crosschecks import CrosscheckRun
 from stereocal.workflow.datasets import FetchRun
 from stereocal.workflow.demonstration import DemoRun
 from stereocal.workflow.depth_maps import DepthMapRun
@@ -196,6 +197,31 @@ def summarize_sweep(run: SweepRun) -> Iterator[RenderableType]:
     yield f"most disparities above 0 with a window of [bold]{table.best_block()}[/] (speckle size {least})"
     yield "  [dim]a count alone ranks nothing: figure7.png shows its ceiling and what the right image confirms[/]"
     yield from _files(run.files, run.folder)
+
+
+def summarize_crosscheck(run: CrosscheckRun) -> Iterator[RenderableType]:
+    """A table of the steps, a sentence for each that parts, and the sum of it."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("step")
+    table.add_column("apart", justify="right")
+    table.add_column("tolerance", justify="right")
+    table.add_column("nearer the truth")
+    for step in run.report.steps:
+        if not step.compared:
+            table.add_row(escape(step.step), "-", "", "[dim]not compared[/]")
+            continue
+        colour = "green" if step.agrees else "yellow"
+        who = "both" if step.agrees else {"opencv": "OpenCV", "unknown": "?"}.get(step.nearer, step.nearer)
+        apart = f"[{colour}]{step.difference:.2g} {escape(step.unit)}[/]"
+        table.add_row(escape(step.step), apart, f"{step.tolerance:.2g}", who)
+    yield table
+    yield ""
+    for step in run.report.steps:
+        if not step.agrees:
+            yield Text(f"{step.step}: {step.finding}")
+    yield Text(run.report.summary(), style="bold")
+    if not run.pairs:
+        yield from _next(_command("stereocal", "crosscheck", run.calibration, "--left", "LEFT", "--right", "RIGHT"))
 
 
 def summarize_conversion(run: ConversionRun) -> Iterator[RenderableType]:

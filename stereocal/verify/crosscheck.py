@@ -23,6 +23,7 @@ from stereocal.base.gray import to_gray
 from stereocal.board.chessboard import Chessboard
 from stereocal.board.detection import detect_chessboard
 from stereocal.pair.corner_order import repair_corner_order
+from stereocal.pair.rectification import rectify
 from stereocal.pair.rig import StereoRig
 from stereocal.verify import opencv_calls
 from stereocal.verify.comparison import CrosscheckReport, StepComparison, not_compared
@@ -149,8 +150,10 @@ def _rig_steps(rig: StereoRig, pair: tuple[Image, Image], progress: Callable[[st
     progress("undistortion and epipolar geometry")
     steps = [compare_undistortion(rig), compare_epipolar(rig)]
     progress("rectification")
-    rectified, rectification = compare_rectification(rig)
-    steps += [rectified, compare_maps(rig, rectification)]
+    steps.append(compare_rectification(rig))
+    # From here on the frame is the one that both cameras fill: OpenCV's rule can put the principal point far outside.
+    rectification = rectify(rig, view="common")
+    steps.append(compare_maps(rig, rectification))
     maps_left, maps_right = rectification.maps()
     images = [to_gray(image) for image in pair]
     steps.append(compare_remap(images[0], maps_left))

@@ -79,8 +79,8 @@ def compare_epipolar(rig: StereoRig) -> StepComparison:
     return StepComparison("F and E", apart, "px", 0.05, "float32 corners of a simulated board", "unknown", finding)
 
 
-def compare_rectification(rig: StereoRig) -> tuple[StepComparison, Rectification]:
-    """Compare R1, R2, P1, P2, Q with cv2.stereoRectify, as pixels of the rectified corners of the image."""
+def compare_rectification(rig: StereoRig) -> StepComparison:
+    """Compare R1, R2, P1, P2 and Q with cv2.stereoRectify's."""
     ours = rectify(rig)
     dist1, dist2 = (opencv_calls.opencv_distortion(camera) for camera in (rig.left, rig.right))
     cameras, motion = (rig.left.K, dist1, rig.right.K, dist2), (rig.R, rig.T[:, None])
@@ -91,7 +91,7 @@ def compare_rectification(rig: StereoRig) -> tuple[StepComparison, Rectification
     apart = max(float(np.max(np.abs(a - b)) / max(1.0, float(np.max(np.abs(b))))) for a, b in pairs)
     finding = "R1, R2, P1, P2 and Q side by side." + "".join(f" {warning}" for warning in ours.warnings)
     nearer = "equal" if apart <= 1e-9 else "unknown"
-    return StepComparison("rectification", apart, "relative", 1e-9, ROUNDING, nearer, finding), ours
+    return StepComparison("rectification", apart, "relative", 1e-9, ROUNDING, nearer, finding)
 
 
 def compare_maps(rig: StereoRig, rectification: Rectification) -> StepComparison:

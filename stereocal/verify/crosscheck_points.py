@@ -38,13 +38,14 @@ def compare_corners(
     side: str, images: list[NDArray[Any]], ours: list[Float | None], board: Chessboard, size: tuple[int, int]
 ) -> tuple[StepComparison, ...]:
     """Compare both OpenCV detectors with ours: found, difference, and whose corners fit held-out views."""
-    detectors = {"findChessboardCorners + cornerSubPix 11": 11, "findChessboardCornersSB": None}
+    detectors = {"classic": 11, "SB": None}  # findChessboardCorners with cornerSubPix 11, and findChessboardCornersSB
     steps = []
     for name, half_window in detectors.items():
         found = [opencv_calls.find_corners(image, board.inner_corners, half_window) for image in images]
-        label = f"corners, {side}, against {name}"
+        label = f"corners {side}, {name}"
         both = [(a, _in_order_of(b, a)) for a, b in zip(ours, found, strict=True) if a is not None and b is not None]
-        counts = f"stereocal finds {sum(a is not None for a in ours)} of {len(ours)} boards, OpenCV {_count(found)}"
+        full = "findChessboardCornersSB" if half_window is None else "findChessboardCorners and cornerSubPix 11"
+        counts = f"of {len(ours)} boards stereocal finds {_count(ours)}, {full} {_count(found)}"
         if len(both) < 4:
             steps.append(not_compared(label, f"{counts}: too few in common to compare."))
             continue
@@ -130,7 +131,7 @@ def compare_camera(
     finding = f"RMS {ours.rms:.6f} px, OpenCV's {theirs_rms:.6f}; f {ours.camera.K[0, 0]:.3f} and {K[0, 0]:.3f} px."
     figures = {"ours_rms_px": ours.rms, "opencv_rms_px": theirs_rms}
     source = "the same sum is minimised: what remains is where the solvers stop"
-    step = StepComparison(label, apart, "px over the image", 0.01, source, nearer, finding, figures)
+    step = StepComparison(label, apart, "px", 0.01, source, nearer, finding, figures)
     return step, ours.camera, (K, dist)
 
 
@@ -177,7 +178,7 @@ def compare_stereo(
     figures = {"ours_rms_px": ours.rms, "opencv_rms_px": theirs_rms, "rotation_apart_deg": turn}
     figures |= {"ours_baseline": ours.rig.baseline, "opencv_baseline": length}
     source = "the same sum is minimised: a stop within 1e-4 px of the optimum moves nothing that can be measured"
-    return StepComparison("joint optimum", abs(excess), "px of RMS", 1e-4, source, nearer, finding, figures)
+    return StepComparison("joint optimum", abs(excess), "px RMS", 1e-4, source, nearer, finding, figures)
 
 
 def judge_given(object_points: Float, views: tuple[Corners, Corners], rig: StereoRig, unit: str) -> StepComparison:
@@ -203,9 +204,7 @@ def judge_given(object_points: Float, views: tuple[Corners, Corners], rig: Stere
     figures |= {"median_shift": float(np.median(shift)), "largest_shift": float(shift.max())}
     nearer = "equal" if error - best.rms <= 1e-4 else "stereocal"
     source = "1e-4 px: beyond it the solver, the corners or the model were others"
-    return StepComparison(
-        "the given calibration", error - best.rms, "px of RMS", 1e-4, source, nearer, finding, figures
-    )
+    return StepComparison("the given calibration", error - best.rms, "px RMS", 1e-4, source, nearer, finding, figures)
 
 
 def _rig_residuals(X: Float, poses: list[Float], rig: StereoRig, views: tuple[Corners, Corners]) -> Float:

@@ -17,6 +17,7 @@ at all, and returns a frozen dataclass with ``.as_dict()``, which is what ``--js
 ``depth_maps``        ``disparity``: disparity, depth and point cloud of one pair
 ``demonstration``     ``demo``: the whole pipeline on a rendered rig of known truth
 ``sweeps``            ``sweep``: the paper's section 3
+``crosschecks``       ``crosscheck``: a second opinion, each step by stereocal and by OpenCV
 ``conversions``       ``convert``: between calibration formats
 ``datasets``          ``fetch``: a public data set, checked against its sha256
 ``benchmarks``        ``bench``: kernels beside OpenCV on this machine

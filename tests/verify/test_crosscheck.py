@@ -143,6 +143,6 @@ def test_real_photographs(data: Path) -> None:
     steps = {step.step: step for step in report.steps}
     assert steps["the given calibration"].agrees
     for side in ("left", "right"):
-        against_sb = steps[f"corners, {side}, against findChessboardCornersSB"]
+        against_sb = steps[f"corners {side}, SB"]
         assert against_sb.nearer == "stereocal"
         assert steps[f"intrinsics, {side}"].figures["ours_rms_px"] < 0.08
