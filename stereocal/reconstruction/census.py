@@ -66,11 +66,23 @@ def census_transform(
         raise InputError(f"image must be uint8 (0 to 255), not {gray.dtype}; scale it to 8 bits first")
     radii = _radii(window)
     threshold = require_integer(threshold, "threshold", minimum=0, maximum=255)
-    if backend == "numba":
+    if runs_compiled(backend):
         planes = census_planes(gray, window=window, threshold=threshold)[:, :, : gray.shape[1]]
         shifts = np.arange(len(planes), dtype=np.uint64)[:, None, None] * np.uint64(8)
         return np.asarray(np.bitwise_or.reduce(planes.astype(np.uint64) << shifts, axis=0), np.uint64)
     return _census_reference(gray, radii, threshold)
+
+
+def runs_compiled(backend: str) -> bool:
+    """Whether to call the kernels: asked for, and Numba compiles (vectors exist in compiled code alone).
+
+    With ``NUMBA_DISABLE_JIT=1`` the readable references run instead.
+    """
+    if backend != "numba":
+        return False
+    from numba import config
+
+    return not config.DISABLE_JIT
 
 
 def _census_reference(gray: NDArray[np.uint8], radii: tuple[int, int], threshold: int) -> Codes:
@@ -177,7 +189,7 @@ def match_census(
     recipe = PixelCost(1, 0, False, (int(window[0]), int(window[1])))
     block_size = require_integer(block_size, "block_size", minimum=1, odd=True)
     require_block_fits(block_size, recipe)
-    if backend == "numpy":
+    if not runs_compiled(backend):
         volume = cost_volume(
             left_gray, right_gray, num_disparities=search.num_disparities, min_disparity=search.min_disparity,
             recipe=recipe, block_size=block_size, scaled=False,

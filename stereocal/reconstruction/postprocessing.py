@@ -32,6 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 from stereocal.base.checks import as_array, as_image, require_choice, require_integer, require_positive
 from stereocal.base.errors import InputError
 from stereocal.base.gray import to_gray
+from stereocal.reconstruction.census import runs_compiled
 from stereocal.reconstruction.matching_costs import (
     COSTS,
     RECIPES,
@@ -221,7 +222,7 @@ def confidence_map(
     block_size = require_integer(block_size, "block_size", minimum=1, odd=True)
     recipe = RECIPES[cost]
     require_block_fits(block_size, recipe)
-    if backend == "numpy":
+    if not runs_compiled(backend):
         volume = cost_volume(
             left_gray, right_gray, num_disparities=count, min_disparity=lowest, recipe=recipe, block_size=block_size,
             scaled=False,

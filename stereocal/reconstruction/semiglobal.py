@@ -51,6 +51,7 @@ from numpy.typing import ArrayLike, NDArray
 from stereocal.base.checks import require_choice, require_integer, require_positive
 from stereocal.base.errors import InputError
 from stereocal.reconstruction import matching_costs
+from stereocal.reconstruction.census import runs_compiled
 from stereocal.reconstruction.matching_costs import COST_MAX, COSTS, RECIPES, Gray, PixelCost, PreparedPair
 from stereocal.reconstruction.sad import as_gray_pair
 from stereocal.reconstruction.speckles import filter_speckles
@@ -165,7 +166,7 @@ def match_sgm(
     P2 = require_integer(P2, "P2", minimum=P1 + 1, maximum=255 - COST_MAX)
     penalties = jump_penalties(P1, P2, gradient_scale)
     size = require_integer(speckle_size, "speckle_size", minimum=0)
-    if backend == "numpy":
+    if not runs_compiled(backend):
         volume = matching_costs.cost_volume(
             left_gray, right_gray, num_disparities=search.num_disparities, min_disparity=search.min_disparity,
             recipe=recipe, block_size=block_size,
