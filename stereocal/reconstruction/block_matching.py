@@ -73,6 +73,7 @@ def match_bm(
     roi1: Region | None = None,
     roi2: Region | None = None,
     threads: int | None = None,
+    backend: str = "numba",
 ) -> Disparity:
     """Disparity by StereoBM's recipe: prefilter, SAD, texture, uniqueness, subpixel, cross-check, speckles.
 
@@ -106,6 +107,8 @@ def match_bm(
         The valid regions of the left and right image (rectification's); None is the whole image.
     threads : int, optional
         How many threads share the rows; the result does not depend on it. None takes all cores.
+    backend : {"numba", "numpy"}
+        The kernels, or the readable reference (:mod:`stereocal.reconstruction.block_matching_reference`).
 
     Returns
     -------
@@ -122,6 +125,7 @@ def match_bm(
     Answers to ``cv2.StereoBM.compute``: identical, bit for bit, but for OpenCV's faults listed in the module.
     """
     left_gray, right_gray = as_gray_pair(left, right)
+    require_choice(backend, ("numba", "numpy"), "backend")
     num_disparities = require_integer(num_disparities, "num_disparities", minimum=16)
     if num_disparities % 16:
         raise InputError(f"num_disparities must be a multiple of 16, but is {num_disparities}")
@@ -130,37 +134,95 @@ def match_bm(
     require_window_fits(block_size + 1, left_gray.shape)
     texture_threshold = require_integer(texture_threshold, "texture_threshold", minimum=0)
     uniqueness_ratio = require_integer(uniqueness_ratio, "uniqueness_ratio", minimum=0)
-    prefilter_cap = require_integer(prefilter_cap, "prefilter_cap", minimum=1, maximum=63)
+    disp12_max_diff = require_integer(disp12_max_diff, "disp12_max_diff", minimum=-(2**31))
+    speckle_size = require_integer(speckle_size, "speckle_size", minimum=-(2**31))
+    speckle_range = require_integer(speckle_range, "speckle_range", minimum=-(2**31))
+    require_choice(prefilter, ("xsobel", "normalized_response"), "prefilter")
 
-    shape = left_gray.shape
-    width = shape[1]
-    disparity = np.full(shape, np.nan, np.float32)
-    columns, rows = valid_region(shape, num_disparities, min_disparity, block_size, roi1, roi2)
-    # what OpenCV matches before it cuts the region out: the cross-check sees the disparities beside the region too
-    largest = min_disparity + num_disparities - 1
-    matched = range(max(0, largest), width + min(0, min_disparity))
-    columns = range(columns.start, min(columns.stop, matched.stop))
-    if len(columns) == 0 or len(rows) == 0:
-        return disparity
-    searched = range(max(0, largest + 1), matched.stop) if disp12_max_diff >= 0 else columns
-
+    columns, rows = valid_region(left_gray.shape, num_disparities, min_disparity, block_size, roi1, roi2)
     filtered = [
-        prefilter_image(image, prefilter, size=prefilter_size, cap=prefilter_cap) for image in (left_gray, right_gray)
+        prefilter_image(image, prefilter, size=prefilter_size, cap=prefilter_cap, backend=backend)
+        for image in (left_gray, right_gray)
     ]
-    _mark_textured(filtered[0], prefilter_cap, searched, rows, block_size // 2, texture_threshold, disparity)
-    cost = np.empty(shape, np.int32) if disp12_max_diff >= 0 else None
+    disparity = np.full(left_gray.shape, np.nan, np.float32)
+    columns = range(columns.start, min(columns.stop, left_gray.shape[1] + min(0, min_disparity)))
+    if len(columns) and len(rows):
+        match = _match_by_kernels if backend == "numba" else _match_by_reference
+        match(
+            filtered, disparity, columns, rows, num_disparities=num_disparities, min_disparity=min_disparity,
+            block_size=block_size, cap=prefilter_cap, texture_threshold=texture_threshold,
+            uniqueness_ratio=uniqueness_ratio, disp12_max_diff=disp12_max_diff, threads=threads,
+        )  # fmt: skip
+    if speckle_size > 0 and speckle_range >= 0:
+        disparity = filter_speckles(
+            disparity, max_size=speckle_size, max_difference=speckle_range / 16, backend=backend
+        )
+    return disparity
+
+
+def _match_by_kernels(
+    filtered: list[NDArray[np.uint8]],
+    disparity: Disparity,
+    columns: range,
+    rows: range,
+    *,
+    num_disparities: int,
+    min_disparity: int,
+    block_size: int,
+    cap: int,
+    texture_threshold: int,
+    uniqueness_ratio: int,
+    disp12_max_diff: int,
+    threads: int | None,
+) -> None:
+    """Write steps 2 to 7 into `disparity`, which enters as NaN."""
+    checked = disp12_max_diff >= 0
+    searched = _searched_columns(columns, disparity.shape[1], num_disparities, min_disparity, checked)
+    _mark_textured(filtered[0], cap, searched, rows, block_size // 2, texture_threshold, disparity)
+    cost = np.empty(disparity.shape, np.int32) if checked else None
     slide_window(
         filtered[0], filtered[1], disparity, searched, rows,
         num_disparities=num_disparities, min_disparity=min_disparity, block_size=block_size,
-        peak=2 * prefilter_cap, uniqueness_ratio=uniqueness_ratio, subpixel="opencv", cost=cost, threads=threads,
+        peak=2 * cap, uniqueness_ratio=uniqueness_ratio, subpixel="opencv", cost=cost, threads=threads,
     )  # fmt: skip
     if cost is not None:
         _cross_check(cost, disp12_max_diff, searched, rows, disparity)
         disparity[:, : columns.start] = np.nan
         disparity[:, columns.stop :] = np.nan
-    if speckle_size > 0 and speckle_range >= 0:
-        disparity = filter_speckles(disparity, max_size=speckle_size, max_difference=speckle_range / 16)
-    return disparity
+
+
+def _match_by_reference(
+    filtered: list[NDArray[np.uint8]],
+    disparity: Disparity,
+    columns: range,
+    rows: range,
+    *,
+    num_disparities: int,
+    min_disparity: int,
+    disp12_max_diff: int,
+    threads: int | None,
+    **options: int,
+) -> None:
+    """The same by the reference, on one thread."""
+    from stereocal.reconstruction import block_matching_reference as reference
+
+    checked = disp12_max_diff >= 0
+    searched = _searched_columns(columns, disparity.shape[1], num_disparities, min_disparity, checked)
+    matched, cost = reference.match_filtered(
+        filtered[0], filtered[1], searched, rows,
+        num_disparities=num_disparities, min_disparity=min_disparity, **options,
+    )  # fmt: skip
+    if checked:
+        reference.cross_check(matched, cost, searched.start, disp12_max_diff)
+    kept = matched[:, columns.start - searched.start : columns.stop - searched.start]
+    disparity[rows.start : rows.stop, columns.start : columns.stop] = kept
+
+
+def _searched_columns(columns: range, width: int, num_disparities: int, min_disparity: int, checked: bool) -> range:
+    """What is matched before the region is cut out: the cross-check sees the disparities beside the region too."""
+    if checked:
+        return range(max(0, min_disparity + num_disparities), width + min(0, min_disparity))
+    return columns
 
 
 def valid_region(
@@ -178,7 +240,8 @@ def valid_region(
     shape : (H, W)
     num_disparities, min_disparity, block_size : int
     roi1, roi2 : (x, y, width, height), optional
-        The valid regions of the left and right image; None, or one without area, is the whole image.
+        The valid regions of the left and right image; None, or one without area, is the whole image. What lies
+        outside the image is cut off (OpenCV does not, and reads beside it).
 
     Notes
     -----
@@ -190,13 +253,13 @@ def valid_region(
     x2, y2, w2, h2 = roi2 if roi2 is not None and roi2[2] > 0 and roi2[3] > 0 else whole
     radius = block_size // 2
     largest = min_disparity + num_disparities - 1
-    columns = range(max(x1, x2 + largest) + radius, min(x1 + w1, x2 + w2) - radius)
-    rows = range(max(y1, y2) + radius, min(y1 + h1, y2 + h2) - radius)
+    columns = range(max(0, x1, x2 + largest) + radius, min(width, x1 + w1, x2 + w2) - radius)
+    rows = range(max(0, y1, y2) + radius, min(height, y1 + h1, y2 + h2) - radius)
     return columns, rows
 
 
 def prefilter_image(
-    image: NDArray[np.uint8], prefilter: str = "xsobel", *, size: int = 9, cap: int = 31
+    image: NDArray[np.uint8], prefilter: str = "xsobel", *, size: int = 9, cap: int = 31, backend: str = "numba"
 ) -> NDArray[np.uint8]:
     """Return the image that StereoBM matches, in 0 … 2·cap.
 
@@ -208,15 +271,23 @@ def prefilter_image(
         The window of ``"normalized_response"``, odd, 5 to 255.
     cap : int
         1 to 63.
+    backend : {"numba", "numpy"}
+        The kernel, or the readable reference.
 
     Returns
     -------
     ndarray of shape (H, W), uint8
     """
+    size = require_integer(size, "prefilter_size", minimum=5, maximum=255, odd=True)
+    cap = require_integer(cap, "prefilter_cap", minimum=1, maximum=63)
+    if backend == "numpy":
+        from stereocal.reconstruction import block_matching_reference as reference
+
+        if prefilter == "xsobel":
+            return reference.xsobel(image, cap)
+        return reference.normalized_response(image, size, cap)
     from stereocal.reconstruction import block_matching_kernels as kernels
 
-    require_choice(prefilter, ("xsobel", "normalized_response"), "prefilter")
-    size = require_integer(size, "prefilter_size", minimum=5, maximum=255, odd=True)
     out = np.empty_like(image)
     if prefilter == "xsobel":
         kernels.prefilter_xsobel(image, cap, out)

@@ -75,7 +75,8 @@ def filter_speckles(
     -----
     Paper: [alg-speckle], whose `minDiff` is `max_difference` and whose `nVal` is `no_disparity`.
     Answers to ``cv2.filterSpeckles(disparity, no_disparity, max_size, max_difference)``: identical on uint8 and int16
-    (up to a max_difference of 32767, from where OpenCV's wraps around); on float maps, which OpenCV does not take, identical to OpenCV on the same map in sixteenths of a pixel.
+    (up to a max_difference of 32767, from where OpenCV's wraps around); on float maps, which OpenCV does not take,
+    identical to OpenCV on the same map in sixteenths of a pixel.
     """
     max_size = require_integer(max_size, "max_size", minimum=0)
     array, marker = _as_disparity(disparity, no_disparity, max_difference)
@@ -154,7 +155,7 @@ def _label_runs(
     """Return (count, start, length, root, size) of the runs; write `alone` for pixels joined to nothing."""
     from stereocal.reconstruction import speckles_kernels as kernels
 
-    height, width = array.shape
+    width = array.shape[1]
     none: np.int16 | None = None
     limit: Any = np.float64(max_difference)
     if array.dtype.kind == "f":
