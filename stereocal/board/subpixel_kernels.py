@@ -244,7 +244,7 @@ def fit_saddles(
         damping = 1e-3 if cold else 1e-5
         for _ in range(iterations):
             _normal_equations(m, J, residual, N, g)
-            moved, accepted = 0.0, False
+            moved, accepted, proposed = 0.0, False, 1e30
             for _ in range(8):
                 A[:] = N
                 for p in range(7):
@@ -260,7 +260,9 @@ def fit_saddles(
                 trial[1] = t[1] + (x[2] * s1 - x[0] * s2) / d
                 trial[2], trial[3] = t[2] + x[1], t[3] + x[3]
                 trial[4], trial[5], trial[6] = t[4] + x[4], t[5] + x[5], t[6] + x[6]
-                trial[4] = min(max(trial[4], 0.5 * t[4], 0.2), 2 * t[4])
+                proposed = min(proposed, np.sqrt((trial[0] - t[0]) ** 2 + (trial[1] - t[1]) ** 2))
+                # no edge is sharper than the pixel, whose own width makes s = sqrt(2 / 12) = 0.41
+                trial[4] = min(max(trial[4], 0.5 * t[4], 0.35), 2 * t[4])
                 trial_cost = _model(m, px, py, grey, geometry, trial, scratch, trial_J, trial_residual)
                 if trial_cost <= cost * (1 + 1e-12):
                     accepted = True
@@ -274,9 +276,11 @@ def fit_saddles(
                     break
                 damping *= 10
             if not accepted:
+                # no step lowers the sum: the optimum, to rounding, if the steps have become small
+                info[n, 2] = 1.0 if proposed < 1e-2 else 0.0
                 break
+            info[n, 2] = 1.0 if moved < max(tolerance, 2e-2) else 0.0
             if moved < tolerance:
-                info[n, 2] = 1.0
                 break
         _normal_equations(m, J, residual, N, g)
         variance = cost / max(m - 7, 1)
