@@ -151,5 +151,4 @@ def _concordance(root: Path, notebooks: list[Path]) -> str:
 
 
 def _link(full_name: str) -> str:
-    room = full_name.split(".")[1]
-    return f"[`{full_name.removeprefix('stereocal.')}`](api/{room}.md)"
+    return f"{{py:obj}}`{full_name.removeprefix('stereocal.')} <{full_name}>`"

@@ -54,7 +54,7 @@ def test_without_photographs_every_step_of_the_rig_is_compared() -> None:
 
 def test_opencv_4_is_told_that_it_rounds_coordinates() -> None:
     step = next(step for step in crosscheck(make_rig()).steps if step.step == "remap")
-    assert step.figures["ours_error"] <= 0.5 + 1e-6
+    assert step.figures["ours_error"] <= 0.5 + 1e-4  # weights in float32, then rounding
     assert ("1/32" in step.finding) == (cv2.__version__ < "5")
 
 
