@@ -236,7 +236,7 @@ def fit_essential_detailed(
         if method in ("8point", "5point"):
             refined = refine_motion(R, t, left, right, first, second)
         else:
-            refined, weights = refine_among_outliers(
+            refined, weights, _ = refine_among_outliers(
                 start,
                 lambda model, w: refine_motion(model.R, model.t, left, right, first, second, w, max_iterations=8),
                 lambda model: to_F[0] @ cross_matrix(model.t) @ model.R @ to_F[1],

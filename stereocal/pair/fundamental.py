@@ -9,7 +9,8 @@ Each match gives one equation x'ᵀ F x = 0. How to solve them depends on what t
 ============  =======================================================================================
 
 The robust methods draw samples of seven, and end with the Gold-Standard refinement on all matches, weighted by the
-probability that they are good, so that the threshold only steers the search (``two_view_refinement``). ``8point`` is
+probability that they are good, so that the threshold only steers the search (``two_view_refinement``). The likelihood
+has several maxima; four searches are made, and the likeliest answer is taken. ``8point`` is
 refined too with refine=True.
 
 **What does not determine F.** All matches of a *plane*, and all matches of cameras that only *turned* about their
@@ -30,7 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from stereocal.base.checks import Float, require_choice, require_integer, require_positive
 from stereocal.base.errors import DegenerateGeometryError, InputError
 from stereocal.base.homogeneous import from_homogeneous, to_homogeneous
-from stereocal.pair.consensus import find_consensus
+from stereocal.pair.consensus import Consensus, find_consensus
 from stereocal.pair.epipolar import point_pairs, sampson_distance
 from stereocal.pair.two_view_refinement import RefinedFundamental, refine_among_outliers, refine_fundamental
 from stereocal.pair.two_view_solvers import eight_point, normalizing_transform, seven_point
@@ -40,6 +41,8 @@ METHODS = ("8point", "lmeds", "ransac")
 _HOMOGRAPHY_FACTOR = 3.0
 # Below this, in pixels, errors are those of arithmetic.
 _EXACT = 1e-6
+# The likelihood of F has several maxima when many matches are wrong: so many searches start apart, the likeliest wins.
+_RESTARTS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,41 +169,53 @@ def fit_fundamental_detailed(
         raise InputError(f"confidence must be between 0 and 1, but is {confidence:g}")
     require_distinct(left, right, 8, "F")
     inliers, iterations = np.ones(len(left), dtype=bool), 0
+    covariance = np.full((9, 9), np.nan)
     if method == "8point":
         F = _eight_point_pixels(left, right)
+        refuse_homography(left, right, F)
+        if refine:
+            F, covariance, _ = refine_fundamental(F, left, right)
     else:
-        found = find_consensus(
-            left,
-            right,
-            solve=lambda samples: _seven_point_pixels(left, right, samples),
-            sample_size=7,
-            refit=lambda mask, _: _eight_point_pixels(left[mask], right[mask]) if mask.sum() >= 8 else None,
-            score="lmeds" if method == "lmeds" else "msac",
-            threshold=threshold,
-            confidence=confidence,
-            max_iterations=max_iterations,
-            seed=seed,
-        )
-        F, inliers, iterations = found.F, found.inliers, found.iterations
-        threshold = found.threshold
-    refuse_homography(left[inliers], right[inliers], F)
-    covariance = np.full((9, 9), np.nan)
-    if refine or (refine is None and method != "8point"):
-        if method == "8point":
-            refined = refine_fundamental(F, left, right)
-        else:
-            refined, weights = refine_among_outliers(
-                RefinedFundamental(F, covariance, 0.0),
+        likeliest = -np.inf
+        for restart in range(_RESTARTS if refine is not False else 1):
+            found = _search(left, right, method, threshold, confidence, max_iterations, seed + restart)
+            iterations += found.iterations
+            if refine is False:
+                F, inliers = found.F, found.inliers
+                break
+            refined, weights, likelihood = refine_among_outliers(
+                RefinedFundamental(found.F, covariance, 0.0),
                 lambda model, w: refine_fundamental(model.F, left, right, w, max_iterations=8),
                 lambda model: model.F,
                 left,
                 right,
-                threshold,
+                found.threshold,
             )
-            inliers = weights > 0.5
-        F, covariance = refined.F, refined.covariance
+            if likelihood > likeliest:
+                likeliest, best, inliers = likelihood, refined, weights > 0.5
+        if refine is not False:
+            F, covariance = best.F, best.covariance
+        refuse_homography(left[inliers], right[inliers], F)
     rms = float(np.sqrt(np.mean(sampson_distance(left[inliers], right[inliers], F))))
     return FundamentalFit(_unit_corner(F), inliers, rms, covariance, iterations)
+
+
+def _search(
+    left: Float, right: Float, method: str, threshold: float, confidence: float, max_iterations: int, seed: int
+) -> Consensus:
+    """One consensus over samples of seven."""
+    return find_consensus(
+        left,
+        right,
+        solve=lambda samples: _seven_point_pixels(left, right, samples),
+        sample_size=7,
+        refit=lambda mask, _: _eight_point_pixels(left[mask], right[mask]) if mask.sum() >= 8 else None,
+        score="lmeds" if method == "lmeds" else "msac",
+        threshold=threshold,
+        confidence=confidence,
+        max_iterations=max_iterations,
+        seed=seed,
+    )
 
 
 def fundamental_from_seven(left_points: ArrayLike, right_points: ArrayLike) -> Float:

@@ -213,7 +213,7 @@ def refine_among_outliers(
     left: Float,
     right: Float,
     reach: float,
-) -> tuple[Refined, Float]:
+) -> tuple[Refined, Float, float]:
     """Refine a model on all matches, each weighted by the probability that it is good.
 
     Parameters
@@ -234,19 +234,23 @@ def refine_among_outliers(
     model : RefinedFundamental or RefinedMotion
     weights : ndarray of shape (N,)
         The probability that each match is good.
+    log_likelihood : float
+        Σ log p(r), by which answers from different starts are compared.
     """
     r = signed_distances(left, right, to_F(model))
     weights = (np.abs(r) <= reach).astype(float)
-    extent = max(float(np.abs(r).max()), 10 * reach)
+    extent = max(float(np.linalg.norm(np.ptp(right, axis=0))) / 2, 10 * reach)
+    log_likelihood = -np.inf
     for _ in range(_ROUNDS):
         sigma = np.sqrt(np.sum(weights * r**2) / max(np.sum(weights), 1e-12)) + 1e-12
         share = float(np.clip(weights.mean(), 0.05, 1 - 1e-6))
         good = share * np.exp(-0.5 * (r / sigma) ** 2) / (np.sqrt(2 * np.pi) * sigma)
-        update = good / (good + (1 - share) / (2 * extent))
+        density = good + (1 - share) / (2 * extent)
+        update, log_likelihood = good / density, float(np.sum(np.log(density)))
         change = float(np.abs(update - weights).max())
         weights = update
         model = refine(model, weights)
         r = signed_distances(left, right, to_F(model))
         if change < _SETTLED:
             break
-    return model, weights
+    return model, weights, log_likelihood
