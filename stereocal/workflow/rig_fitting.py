@@ -2,7 +2,7 @@
 
 In this order, because each step can only be trusted after the one before:
 
-1. pairs in which either photograph does not show the board;
+1. pairs in which either photograph does not show the board, or shows corners that no flat board could have;
 2. corner order: where the board looks the same after half a turn, left and right are brought into one order;
 3. each camera alone: a view whose residual stands out has wrong corners, whatever the other camera says, and one that
    sees the board from the side costs more than it brings;
@@ -27,7 +27,15 @@ from stereocal.pair.corner_order import repair_corner_order
 from stereocal.pair.stereo_calibration import StereoCalibration, calibrate_stereo
 from stereocal.workflow.boards import FoundBoard
 from stereocal.workflow.photographs import Pair
-from stereocal.workflow.view_selection import ENOUGH_VIEWS, MAX_TILT, board_tilts, outlying_views, rig_disagreement
+from stereocal.workflow.view_selection import (
+    ENOUGH_VIEWS,
+    MAX_MISFIT,
+    MAX_TILT,
+    board_tilts,
+    homography_misfit,
+    outlying_views,
+    rig_disagreement,
+)
 
 MIN_PAIRS = 3
 """Zhang's closed form needs three views for its five intrinsics."""
@@ -126,6 +134,7 @@ def fit_rig(
         record.reason = _missing_board(record, board)
         if record.used:
             record.left_corners, record.right_corners = record.left.detection.corners, record.right.detection.corners
+    _leave_out_impossible(records, board)
     _require_pairs(records, board)
     _repair_order(records, board)
     left, right = _fit_each(records, board, model)
@@ -170,6 +179,20 @@ def _corners(records: Sequence[PairRecord]) -> tuple[list[Float], list[Float]]:
     """Return the left and the right corners of the pairs that show the board in both photographs."""
     both = [(r.left_corners, r.right_corners) for r in records]
     return [left for left, _ in both if left is not None], [right for _, right in both if right is not None]
+
+
+def _leave_out_impossible(records: Sequence[PairRecord], board: Chessboard) -> None:
+    """Give the pairs whose corners no flat board could have a reason."""
+    for record in records:
+        for side, corners in (("left", record.left_corners), ("right", record.right_corners)):
+            if corners is None or not record.used:
+                continue
+            misfit = homography_misfit(board.object_points, corners)
+            if misfit > MAX_MISFIT:
+                record.reason = (
+                    f"has wrong corners: no flat board looks like those in the {side} photograph, "
+                    f"they are off by {misfit:.1f} squares"
+                )
 
 
 def _repair_order(records: Sequence[PairRecord], board: Chessboard) -> None:

@@ -16,6 +16,9 @@ under it is more than `FACTOR` times that median, and more than `FLOOR` pixels, 
 
 After a fit the same rule is applied to the views' residuals: one bad photograph stands out against its fellows.
 
+Before any fit, corners that no flat board could have are left out: where the best homography from board to image misses
+them by more than the distance between neighbours, rows were mixed up. A lens bends a board by less.
+
 Views that look at the board from the side are left out too, if enough others remain. Zhang (2000, section 5.1) found
 the best angle near 45°, and worse ones beyond, because foreshortening takes the corners' precision. There is a second
 reason: a board is taken for flat, and where it bows by h, its corners seem to lie h tan(tilt) away along it; at 63°
@@ -30,7 +33,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stereocal.base.checks import Float
+from stereocal.base.homogeneous import to_homogeneous
 from stereocal.base.rotations import rotation_matrix
+from stereocal.camera.homography import fit_homography
 from stereocal.camera.model import Camera
 
 FACTOR = 5.0
@@ -41,6 +46,9 @@ FLOOR = 1.0
 
 MAX_CANDIDATES = 80
 """More pairs than this are asked in even steps, so that the work stays linear in their number."""
+
+MAX_MISFIT = 1.0
+"""Neighbour distances by which the best homography may miss a view's corners."""
 
 MAX_TILT = 60.0
 """Degrees between the board's normal and the line of sight, beyond which a view is left out."""
@@ -104,6 +112,25 @@ def rig_disagreement(
         if np.median(error) < least:
             best, least = error, float(np.median(error))
     return best
+
+
+def homography_misfit(object_points: Float, corners: Float) -> float:
+    """Return the RMS by which the best homography misses the corners, in distances between neighbours on the image.
+
+    Parameters
+    ----------
+    object_points : ndarray of shape (N, 3)
+        The board's corners, on z = 0, the first two neighbours.
+    corners : ndarray of shape (N, 2)
+        Found in one image, px.
+    """
+    H = fit_homography(object_points[:, :2], corners)
+    projected = to_homogeneous(object_points[:, :2]) @ H.T
+    misses = projected[:, :2] / projected[:, 2:] - corners
+    # the longest side of the smallest box around them, over the board's own longest side in squares
+    squares = np.ptp(object_points[:, :2], axis=0).max() / np.linalg.norm(object_points[1] - object_points[0])
+    neighbours = np.ptp(corners, axis=0).max() / squares
+    return float(np.sqrt(np.mean(np.sum(misses**2, axis=1))) / max(neighbours, 1e-9))
 
 
 def board_tilts(object_points: Float, poses: Sequence[tuple[Float, Float]]) -> Float:

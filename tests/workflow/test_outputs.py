@@ -9,7 +9,12 @@ from pathlib import Path
 import pytest
 
 from stereocal.base.errors import DataFileError
-from stereocal.workflow.outputs import staged_folder
+from stereocal.workflow.outputs import StagedFolder, staged_folder
+
+
+def write_and(staged: StagedFolder, error: BaseException) -> None:
+    staged.path("two.txt").write_text("new")
+    raise error
 
 
 def everything(folder: Path) -> dict[str, bytes]:
@@ -31,16 +36,14 @@ def test_files_stand_only_when_the_block_is_done(tmp_path: Path) -> None:
 def test_a_failure_leaves_what_was_there(tmp_path: Path) -> None:
     (tmp_path / "two.txt").write_text("old")
     with pytest.raises(RuntimeError), staged_folder(tmp_path) as staged:
-        staged.path("two.txt").write_text("new")
-        raise RuntimeError
+        write_and(staged, RuntimeError())
     assert everything(tmp_path) == {"two.txt": b"old"}
     assert os.listdir(tmp_path) == ["two.txt"]
 
 
 def test_a_failure_removes_the_folders_it_made(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt), staged_folder(tmp_path / "a" / "b" / "c") as staged:
-        staged.path("x").write_text("x")
-        raise KeyboardInterrupt
+        write_and(staged, KeyboardInterrupt())
     assert os.listdir(tmp_path) == []
 
 
@@ -74,16 +77,21 @@ def test_a_folder_that_no_one_can_make() -> None:
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="this system has no /dev/full")
 def test_a_write_that_finds_the_disk_full_names_the_folder(tmp_path: Path) -> None:
-    with pytest.raises(DataFileError, match=r"out: cannot be written \(No space left on device\)"):  # noqa: SIM117
+    def fill_up() -> None:
         with staged_folder(tmp_path / "out") as staged:
             staged.path("report.html").symlink_to("/dev/full")
             staged.path("report.html").write_text("x" * 100_000)
+
+    with pytest.raises(DataFileError, match=r"out: cannot be written \(No space left on device\)"):
+        fill_up()
     assert os.listdir(tmp_path) == []
 
 
 def test_a_full_disk_names_the_folder_and_the_reason(tmp_path: Path) -> None:
-    with pytest.raises(DataFileError, match=r"out: cannot be written \(No space left on device\)"):  # noqa: SIM117
+    def fill_up() -> None:
         with staged_folder(tmp_path / "out") as staged:
-            path = staged.path("cloud.ply")
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+            write_and(staged, OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(staged.path("cloud.ply"))))
+
+    with pytest.raises(DataFileError, match=r"out: cannot be written \(No space left on device\)"):
+        fill_up()
     assert os.listdir(tmp_path) == []
