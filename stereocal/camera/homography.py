@@ -77,11 +77,12 @@ def fit_homography(src: ArrayLike, dst: ArrayLike, *, refine: bool = True) -> Fl
     a_n, b_n = a * Ta[0, 0] + Ta[:2, 2], b * Tb[0, 0] + Tb[:2, 2]
 
     X = np.column_stack([a_n, np.ones(len(a))])
-    A = np.zeros((2 * len(a), 9))
-    A[0::2, 0:3] = A[1::2, 3:6] = X
-    A[0::2, 6:9] = -b_n[:, :1] * X
-    A[1::2, 6:9] = -b_n[:, 1:] * X
-    singular_values, Vt = np.linalg.svd(A)[1:]
+    A = np.zeros((max(2 * len(a), 9), 9))  # of four points the ninth row stays 0
+    u, v = A[0 : 2 * len(a) : 2], A[1 : 2 * len(a) : 2]
+    u[:, 0:3] = v[:, 3:6] = X
+    u[:, 6:9] = -b_n[:, :1] * X
+    v[:, 6:9] = -b_n[:, 1:] * X
+    singular_values, Vt = np.linalg.svd(A, full_matrices=False)[1:]
     if singular_values[7] <= _COLLINEAR * singular_values[0]:
         raise DegenerateGeometryError("the points lie on one line: a homography needs four of which no three do")
     H_n = Vt[8].reshape(3, 3)

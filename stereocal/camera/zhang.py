@@ -182,9 +182,11 @@ def _smallest_conic(H: Float, *, skew: bool, centred: bool) -> Float:
     """The b of least ‖V b‖ among those that the assumptions allow; its six entries."""
     columns = [0, 2, 5] if centred else [0, 1, 2, 3, 4, 5] if skew else [0, 2, 3, 4, 5]
     V = _conic_rows(H)[:, columns]
+    if len(V) < len(columns):  # two views and five unknowns: a row of zeros brings the null vector into the thin factor
+        V = np.vstack([V, np.zeros((len(columns) - len(V), len(columns)))])
     norms = np.linalg.norm(V, axis=0)
     balance = np.where(norms > 1e-300, norms, 1.0)
-    singular_values, Vt = np.linalg.svd(V / balance)[1:]
+    singular_values, Vt = np.linalg.svd(V / balance, full_matrices=False)[1:]
     unknowns = len(columns)
     rank = int(np.count_nonzero(singular_values > _RANK * singular_values[0])) if singular_values[0] > 0 else 0
     if rank < unknowns - 1:
