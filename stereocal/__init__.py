@@ -72,4 +72,4 @@ NAMES_OF_MODULE = {
 }
 
 __getattr__, __dir__, _public = attach(__name__, NAMES_OF_MODULE)
-__all__ = ["__version__", *_public]  # noqa: PLE0604
+__all__ = ["__version__", *_public]

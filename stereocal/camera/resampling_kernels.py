@@ -1,3 +1,4 @@
+# mypy: allow-untyped-defs
 """Kernels of ``resampling``: one output row at a time, in passes that the machine's vector units can follow.
 
 A pixel of the output reads the image at a place of its own, and such scattered reads do not vectorise. All the rest

@@ -1,3 +1,4 @@
+# mypy: allow-untyped-defs
 """Kernels of ``undistortion``: the maps of OpenCV's family of lenses, a row at a time.
 
 The ray of pixel (u, v) is B (u, v, 1)ᵀ, B = (P R)⁻¹, so along a row each of its three coordinates is a *ramp*, start +
