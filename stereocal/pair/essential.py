@@ -232,18 +232,29 @@ def fit_essential_detailed(
     pose = recover_pose(E, left[inliers], right[inliers], first, second)
     R, t, covariance = pose.R, pose.t, np.full((5, 5), np.nan)
     if refine or (refine is None and method != "8point"):
-        start = RefinedMotion(R, t, covariance, 0.0)
         if method in ("8point", "5point"):
             refined = refine_motion(R, t, left, right, first, second)
         else:
-            refined, weights, _ = refine_among_outliers(
-                start,
-                lambda model, w: refine_motion(model.R, model.t, left, right, first, second, w, max_iterations=8),
-                lambda model: to_F[0] @ cross_matrix(model.t) @ model.R @ to_F[1],
-                left,
-                right,
-                reach,
-            )
+
+            def among_outliers(R: Float, t: Float) -> tuple[RefinedMotion, Float, float]:
+                return refine_among_outliers(
+                    RefinedMotion(R, t, covariance, 0.0),
+                    lambda model, w: refine_motion(model.R, model.t, left, right, first, second, w, max_iterations=8),
+                    lambda model: to_F[0] @ cross_matrix(model.t) @ model.R @ to_F[1],
+                    left,
+                    right,
+                    reach,
+                )
+
+            refined, weights, likeliest = among_outliers(R, t)
+            # the likelihood has several maxima: another search may end in a higher one
+            again = _sample(left, right, rays, other, to_F, method, reach, confidence, max_iterations, seed + 1)
+            iterations += again.iterations
+            E = project_to_essential(first_to_rays(again.F, first, second))
+            pose = recover_pose(E, left[again.inliers], right[again.inliers], first, second)
+            second_try = among_outliers(pose.R, pose.t)
+            if second_try[2] > likeliest:
+                refined, weights, _ = second_try
             inliers = weights > 0.5
         R, t, covariance = refined.R, refined.t, refined.covariance
         E = cross_matrix(t) @ R
