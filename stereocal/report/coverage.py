@@ -267,11 +267,12 @@ def _judge_data(
                   f"How far the boards range {how}, of 1; the camera that saw less.",
                   cause=f"The boards differ little {how}.", action=cure, at_worst="usable", decides=False)
         )  # fmt: skip
-    for key, index, what in (("inner_cells", 1, "inside"), ("border_cells", 0, "border strip")):
+    places = "Hold the board so close to the image's edge that its outer corners nearly leave it, on all four sides."
+    for key, index, what, cure in (("inner_cells", 1, "inside", add), ("border_cells", 0, "border strip", places)):
         value = 100 * min(float(c[index].mean()) for c in cells.values())
         verdicts.append(
             judge("data", key, value, f"Cells of the image's {what} with a corner in them; the camera that saw less.",
-                  cause="Where no corner was seen, the lens model extrapolates.", action=add, at_worst="usable",
+                  cause="Where no corner was seen, the lens model extrapolates.", action=cure, at_worst="usable",
                   decides=False)
         )  # fmt: skip
     widths = [p[key] for p in pairs if p["used"] for key in ("left_edge_width", "right_edge_width") if p.get(key)]

@@ -1,0 +1,93 @@
+"""Each picture draws what it is given, on input that is whole, empty or odd."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from report_cases import SIZE, Case
+
+from stereocal.report import figures_curves, figures_geometry, figures_images, figures_residuals
+from stereocal.report.style import to_png
+
+RANDOM = np.random.default_rng(0)
+IMAGE = RANDOM.integers(0, 256, (48, 64, 3)).astype(np.uint8)
+CORNERS = np.mgrid[0:7, 0:6].T.reshape(-1, 2) * 5.0 + 8
+
+
+def pixels(figure: Figure) -> np.ndarray:
+    import io
+
+    from PIL import Image
+
+    assert isinstance(figure, Figure)
+    return np.asarray(Image.open(io.BytesIO(to_png(figure, 60))).convert("RGB"))
+
+
+@pytest.mark.parametrize("image", [IMAGE, IMAGE[..., 0], IMAGE[..., 0].astype(np.uint16) * 200, IMAGE / 255.0])
+def test_corners_on_any_image(image: np.ndarray) -> None:
+    plain = pixels(figures_images.draw_corners(image, None, 7))
+    drawn = pixels(figures_images.draw_corners(image, CORNERS, 7))
+    assert plain.shape == drawn.shape
+    assert (plain != drawn).any()
+
+
+def test_detection_stages_when_nothing_was_found_and_when_all_was() -> None:
+    nothing = SimpleNamespace(stages={}, corners=None, covariances=None, message="no corner passed the saddle test")
+    pixels(figures_images.draw_detection_stages(IMAGE, nothing, 7))
+    everything = SimpleNamespace(
+        stages={"response": RANDOM.random((48, 64)), "candidates": CORNERS, "grid": CORNERS.reshape(6, 7, 2)},
+        corners=CORNERS,
+        covariances=np.tile(1e-4 * np.eye(2), (42, 1, 1)),
+        message="",
+    )
+    pixels(figures_images.draw_detection_stages(IMAGE, everything, 7))
+
+
+def test_disparity_without_a_single_answer() -> None:
+    pixels(figures_images.draw_disparity(np.full((48, 64), np.nan)))
+    pixels(figures_images.draw_disparity(RANDOM.random((48, 64)), image=IMAGE))
+
+
+def test_rectified_pair() -> None:
+    pixels(figures_images.draw_rectified_pair(IMAGE, IMAGE, left_corners=CORNERS, right_corners=CORNERS))
+
+
+def test_large_images_are_thinned_by_whole_steps() -> None:
+    shown = figures_images.to_display(np.zeros((3000, 4000), np.uint8), longest=1280)
+    assert shown.shape == (750, 1000)
+
+
+def test_residuals() -> None:
+    d = RANDOM.normal(size=(42, 2))
+    pixels(figures_residuals.draw_residual_scatter(d, d))
+    pixels(figures_residuals.draw_residual_vectors(CORNERS, d, (64, 48)))
+    pixels(figures_residuals.draw_residual_radius([CORNERS[:, 0]] * 2, [d[:, 0]] * 2))
+    pixels(figures_residuals.draw_view_errors([0.1, 0.2], [0.1, 0.9], names=["a", "b"], outliers=[1], joint_rms=0.2))
+
+
+def test_cell_means() -> None:
+    points = np.array([[1.0, 1], [2, 2], [3, 3], [4, 4], [5, 5], [60, 40]])
+    centres, means = figures_residuals.cell_means(points, points * 0 + [[1.0, 2.0]], (64, 48))
+    np.testing.assert_allclose(centres, [[4, 4]])
+    np.testing.assert_allclose(means, [[1, 2]])
+
+
+def test_geometry(healthy: Case) -> None:
+    c = healthy.calibration
+    pixels(figures_geometry.draw_rig(c.rig, c.rvecs, c.tvecs, healthy.board.object_points, 8, unit="mm"))
+    pixels(figures_geometry.draw_coverage(np.zeros((0, 2)), SIZE))
+    pixels(figures_geometry.draw_coverage(healthy.left[0], SIZE, border=[True] * 30 + [False] * 30))
+    pixels(figures_geometry.draw_signed_map(CORNERS, CORNERS[:, 0] * 0, SIZE, title="t", label="l"))
+    pixels(figures_geometry.draw_field(np.full((4, 5), np.nan), SIZE, title="t", label="l"))
+    pixels(figures_geometry.draw_board_shape(np.zeros((6, 7))))
+
+
+def test_curves() -> None:
+    z = np.linspace(1, 9, 5)
+    pixels(figures_curves.draw_depth_uncertainty(z, z**2, z, board_range=(2, 4)))
+    pixels(figures_curves.draw_sweep_windows([5, 7, 9], {0: [1, 2, 1], 50: [1, 1, 1]}, computable=[3, 2, 1]))
+    pixels(figures_curves.draw_sweep_speckles([50, 60], {5: [2, 1]}))
+    pixels(figures_curves.draw_sweep_maps({7: np.eye(9), 29: np.full((9, 9), np.nan)}, limits=(0, 1)))
