@@ -18,6 +18,8 @@ One basin is not always enough. A long lens seen at moderate tilts leaves the pr
 can trade for a turn of every board, and F then has several minima. So the optimum reached is looked at: if it took
 many steps, if the principal point is uncertain by more than 1 % of the image, or if it is no plausible camera, the
 other starts are tried too and the lowest F wins.
+Then each board is tilted the other way: far off, a board and its mirror image in tilt look almost the same (Necker's
+reversal), and a pose that began on the wrong side stays there.
 
 The lens starts from none, or, for models whose parameters do not begin at zero or that undo badly, in stages: a fit
 with k1, k2, and then the model's own k (and a scale of the focal length) fitted to that lens's curve at the corners
@@ -34,7 +36,7 @@ import numpy as np
 from stereocal.base.checks import Float
 from stereocal.base.errors import ConvergenceError, DegenerateGeometryError
 from stereocal.base.least_squares import minimize_least_squares
-from stereocal.camera.bundle import Bundle, BundleState
+from stereocal.camera.bundle import Bundle, BundleState, residuals
 from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
 from stereocal.camera.covariance import inverse_of_schur
 from stereocal.camera.distortion_base import DistortionModel
@@ -48,6 +50,7 @@ _DIRECT_START = ("pinhole", "polynomial", "brown", "rational", "thin_prism", "ti
 # An optimum found in more steps than this, or with a principal point less sure than this part of the width, is doubted.
 _MANY_STEPS = 20
 _UNSURE = 0.01
+_REVERSALS = 5
 
 
 @dataclass
@@ -184,13 +187,51 @@ def solve_from_starts(
         if best is None or solution.cost < best.cost:
             best = solution
         if _beyond_doubt(bundle, solution, image_size):
+            return best
+    for _ in range(_REVERSALS):
+        if best is None or not np.isfinite(best.cost):
             break
+        turned = _with_reversed_poses(bundle, best, backend)
+        if turned is None:
+            break
+        solution = solve_bundle(bundle, turned, max_iterations=max_iterations, backend=backend)
+        if not solution.cost < best.cost:
+            break
+        best = solution
     if best is None or not np.isfinite(best.cost):
         raise ConvergenceError(
             "no start leads to a camera: check that corners and board points are in the same order, and the number of "
             "inner corners"
         )
     return best
+
+
+def _with_reversed_poses(bundle: Bundle, solution: BundleSolution, backend: str) -> BundleState | None:
+    """The state with every board tilted the other way where that fits better; None where none does.
+
+    R → Rot(d, π) R Rot(z, π), d the line of sight to the board's middle, mirrors the tilt and keeps the rest.
+    """
+    state = solution.state
+    counts = np.diff(bundle.offsets)
+    middle = np.add.reduceat(bundle.points, bundle.offsets[:-1]) / counts[:, None]
+    centre = np.einsum("vij,vj->vi", state.R_views, middle) + state.t_views
+    d = centre / np.linalg.norm(centre, axis=1, keepdims=True)
+    half_turn = 2 * d[:, :, None] * d[:, None, :] - np.eye(3)
+    R = half_turn @ state.R_views @ np.diag([-1.0, -1.0, 1.0])
+    t = centre - np.einsum("vij,vj->vi", R, middle)
+    poses_only = replace(bundle, G=np.zeros((len(bundle.G), 0)))
+    other = solve_bundle(poses_only, replace(state, R_views=R, t_views=t), max_iterations=60, backend=backend).state
+    cost_here, cost_there = (
+        np.add.reduceat(np.sum(residuals(bundle, s) ** 2, axis=1), bundle.offsets[:-1]) for s in (state, other)
+    )
+    better = cost_there < cost_here * (1 - 1e-9)
+    if not better.any():
+        return None
+    return replace(
+        state,
+        R_views=np.where(better[:, None, None], other.R_views, state.R_views),
+        t_views=np.where(better[:, None], other.t_views, state.t_views),
+    )
 
 
 def _starting_states(
