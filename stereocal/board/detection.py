@@ -130,13 +130,14 @@ def detect_chessboard_detailed(image: ArrayLike, board: Chessboard | tuple[int, 
 
 
 def _dwarfed(found: Detection, other: Detection) -> bool:
-    """Whether a much larger board of another size is seen too: the small one is then a picture or chance."""
-    if other.other_size is None or found.corners is None:
+    """Whether a coarser level saw a larger grid: around the small one, which is then a part of it, or much larger."""
+    larger = other.stages.get("grid")
+    if larger is None or found.corners is None or len(larger) <= len(found.corners):
         return False
-    larger = other.stages["grid"]
-    return len(larger) > len(found.corners) and bool(
-        np.prod(np.ptp(larger, axis=0)) > 8 * np.prod(np.ptp(found.corners, axis=0))
-    )
+    low, high, middle = larger.min(axis=0), larger.max(axis=0), found.corners.mean(axis=0)
+    around = bool(np.all((low < middle) & (middle < high))) and len(larger) > 1.3 * len(found.corners)
+    much_larger = np.prod(high - low) > 8 * np.prod(np.ptp(found.corners, axis=0))
+    return around or (other.other_size is not None and bool(much_larger))
 
 
 def _progress(detection: Detection) -> float:
