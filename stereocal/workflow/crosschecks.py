@@ -80,7 +80,7 @@ def run_crosscheck(
     """
     if importlib.util.find_spec("cv2") is None:
         raise InputError('crosscheck compares with OpenCV, which is not installed: pip install "stereocal[opencv]"')
-    from stereocal.verify.crosscheck import crosscheck
+    from stereocal.verify.second_opinion import crosscheck
 
     file = find_calibration(calibration)
     rig = load_rig(file)

@@ -147,18 +147,19 @@ def pair_photographs(
 
 
 def _pair_by_name(left: list[Path], right: list[Path]) -> tuple[list[Pair], list[Photograph]] | None:
-    """Pair the names that agree, exactly or else without the word for the side; None if none does."""
+    """Pair the names that agree, as they are or without the word for the side, whichever pairs more; None if none."""
+    best: tuple[list[Pair], list[Photograph]] | None = None
     for key in (lambda path: path.stem, lambda path: _SIDE_WORDS.sub("", path.stem)):
         left_of_key = {key(path): path for path in left}
         right_of_key = {key(path): path for path in right}
         unambiguous = len(left_of_key) == len(left) and len(right_of_key) == len(right)
         common = [name for name in left_of_key if name in right_of_key]
-        if unambiguous and common:
+        if unambiguous and len(common) > (len(best[0]) if best else 0):
             pairs = [Pair(Photograph(left_of_key[name]), Photograph(right_of_key[name])) for name in common]
             alone = [path for name, path in left_of_key.items() if name not in right_of_key]
             alone += [path for name, path in right_of_key.items() if name not in left_of_key]
-            return pairs, [Photograph(path) for path in alone]
-    return None
+            best = pairs, [Photograph(path) for path in alone]
+    return best
 
 
 def _natural_order(path: Path) -> tuple[object, ...]:

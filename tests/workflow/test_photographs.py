@@ -61,6 +61,14 @@ def test_names_pair_without_the_word_for_the_side(tmp_path: Path, left: list[str
     assert alone == []
 
 
+def test_the_rule_that_pairs_more_names_wins(tmp_path: Path) -> None:
+    left = touch(tmp_path / "l", "01.jpg", "left02.jpg", "left03.jpg")
+    right = touch(tmp_path / "r", "01.jpg", "right02.jpg", "right03.jpg")
+    pairs, alone = pair_photographs(left, right)
+    assert names(pairs) == [("01.jpg", "01.jpg"), ("left02.jpg", "right02.jpg"), ("left03.jpg", "right03.jpg")]
+    assert alone == []
+
+
 def test_a_photograph_without_a_partner_is_reported_and_shifts_nothing(tmp_path: Path) -> None:
     left = touch(tmp_path / "l", "left1.png", "left2.png", "left3.png")
     right = touch(tmp_path / "r", "right1.png", "right3.png", "right4.png")
