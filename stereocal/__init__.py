@@ -68,7 +68,7 @@ NAMES_OF_MODULE = {
     "stereocal.store.images": ("read_image",),
     "stereocal.sweep.disparity_sweep": ("sweep_disparity",),
     "stereocal.synthetic.rig": ("SyntheticRig", "render_rig"),
-    "stereocal.verify.crosscheck": ("crosscheck",),
+    "stereocal.verify.second_opinion": ("crosscheck",),
 }
 
 __getattr__, __dir__, _public = attach(__name__, NAMES_OF_MODULE)

@@ -61,7 +61,7 @@ class StepComparison:
 
 @dataclass(frozen=True)
 class CrosscheckReport:
-    """What :func:`stereocal.verify.crosscheck.crosscheck` found.
+    """What :func:`stereocal.verify.second_opinion.crosscheck` found.
 
     Attributes
     ----------
