@@ -3,9 +3,11 @@
 A scene pair is the one test that no board takes part in. It is rectified, matched, and three things are measured.
 
 **Rows.** If the calibration is right, a point lies on the same row left and right, also where no board ever was. The
-right image is shifted by −4 … 4 rows, matched each time, and the answers that the left-right check confirms are
-counted: most are confirmed where the rows agree. The peak of a parabola through the three largest counts is the row
-offset, for the whole image and for its parts. It is judged as Δy is, by Luxonis' limits.
+right image is shifted by −4 … 4 rows and matched each time; the rows agree where matched pixels differ least.
+Compared are the same pixels at every shift, those that the left-right check confirms at any. The sum of absolute
+differences rises by the same slope on both sides of its minimum, so that the row offset is where two such lines
+through the three lowest points meet. It is found for the whole image and for each of its ninths; their RMS is judged
+as Δy is, by Luxonis' limits: the whole alone would follow the part with the most texture.
 
 **Consistency**: the share of the disparities that the right image confirms (:mod:`stereocal.report.left_right`).
 
@@ -34,6 +36,7 @@ from stereocal.report.verdicts import Block, Picture, Table, judge
 Image = NDArray[np.uint8]
 
 _SHIFTS = tuple(range(-4, 5))
+_WORST = 30.0
 _PARTS = (3, 3)
 
 
@@ -63,33 +66,49 @@ def row_offsets(left: Image, right: Image, count: int, *, block: int = 15) -> tu
     Returns
     -------
     whole : float
-        Rows; NaN if too little is confirmed at any shift.
+        Rows; NaN if too little is confirmed.
     parts : ndarray of shape (3, 3)
         The same for each ninth of the image.
     """
-    counts = []
+    costs, mask = [], np.zeros(left.shape, dtype=bool)
     for shift in _SHIFTS:
         moved = np.roll(right, -shift, axis=0)
-        _, confirmed, _ = match_both(left, moved, count, block)
-        confirmed[: max(_SHIFTS)] = confirmed[-max(_SHIFTS) :] = False
-        counts.append([[float(part.sum()) for part in np.array_split(band, _PARTS[1], axis=1)]
-                       for band in np.array_split(confirmed, _PARTS[0], axis=0)])  # fmt: skip
-    table = np.array(counts)
-    least = 0.005 * left.size / np.prod(_PARTS)
-    parts = np.array([[_peak(table[:, r, c], float(least)) for c in range(_PARTS[1])] for r in range(_PARTS[0])])
-    return _peak(table.sum(axis=(1, 2)), 0.005 * left.size), parts
+        disparity, confirmed, _ = match_both(left, moved, count, block)
+        mask |= confirmed
+        costs.append(_difference(left, moved, disparity))
+    mask[: max(_SHIFTS)] = mask[-max(_SHIFTS) :] = False
+    cells = [
+        [np.ix_(rows, columns) for columns in np.array_split(np.arange(left.shape[1]), _PARTS[1])]
+        for rows in np.array_split(np.arange(left.shape[0]), _PARTS[0])
+    ]
+    least = 0.005 * left.size
+    parts = [[_lowest([c[cell][mask[cell]] for c in costs], least / np.prod(_PARTS)) for cell in row] for row in cells]
+    return _lowest([c[mask] for c in costs], least), np.array(parts)
 
 
-def _peak(counts: Float, least: float) -> float:
-    """Where a parabola through the largest count and its neighbours peaks; NaN if there are fewer than `least`."""
-    k = int(np.argmax(counts))
-    if counts[k] < least:
+def _difference(left: Image, right: Image, disparity: NDArray[np.float32]) -> Float:
+    """How much each pixel differs from its match, grey levels, cut at 30; 30 where there is no match."""
+    y, x = np.nonzero(np.isfinite(disparity))
+    at = np.clip(x - disparity[y, x], 0, left.shape[1] - 1)
+    low = np.floor(at).astype(np.int64)
+    part = at - low
+    matched = (1 - part) * right[y, low] + part * right[y, np.minimum(low + 1, left.shape[1] - 1)]
+    cost = np.full(left.shape, _WORST)
+    cost[y, x] = np.minimum(np.abs(left[y, x] - matched), _WORST)
+    return cost
+
+
+def _lowest(costs: list[Float], least: float) -> float:
+    """Where two lines of equal slope through the smallest mean cost and its neighbours meet; NaN for too few pixels."""
+    if len(costs[0]) < least:
         return float("nan")
-    if k in (0, len(counts) - 1):
+    mean = np.array([c.mean() for c in costs])
+    k = int(np.argmin(mean))
+    if k in (0, len(mean) - 1):
         return float(_SHIFTS[k])
-    before, top, after = counts[k - 1 : k + 2]
-    curvature = before - 2 * top + after
-    return _SHIFTS[k] + (0.5 * (before - after) / curvature if curvature else 0.0)
+    before, lowest, after = mean[k - 1 : k + 2]
+    rise = max(before, after) - lowest
+    return float(_SHIFTS[k] + (0.5 * (before - after) / rise if rise > 0 else 0.0))
 
 
 def examine_scene(
