@@ -213,7 +213,7 @@ def _match_by_reference(
         num_disparities=num_disparities, min_disparity=min_disparity, **options,
     )  # fmt: skip
     if checked:
-        reference.cross_check(matched, cost, searched.start, disp12_max_diff)
+        reference.cross_check(matched, cost, searched.start, disparity.shape[1], disp12_max_diff)
     kept = matched[:, columns.start - searched.start : columns.stop - searched.start]
     disparity[rows.start : rows.stop, columns.start : columns.stop] = kept
 

@@ -21,9 +21,9 @@ def prefilter_xsobel(image, cap, out):
         out[y, width - 1] = cap
         for x in range(1, width - 1):
             slope = (
-                int(image[above, x + 1]) - int(image[above, x - 1])
-                + 2 * (int(image[y, x + 1]) - int(image[y, x - 1]))
-                + int(image[below, x + 1]) - int(image[below, x - 1])
+                np.int64(image[above, x + 1]) - np.int64(image[above, x - 1])
+                + 2 * (np.int64(image[y, x + 1]) - np.int64(image[y, x - 1]))
+                + np.int64(image[below, x + 1]) - np.int64(image[below, x - 1])
             )  # fmt: skip
             out[y, x] = min(max(slope, -cap), cap) + cap
 
@@ -45,7 +45,7 @@ def prefilter_normalized_response(image, size, cap, gain, mean_gain, column_sum,
             enter = min(y + radius, height - 1)
             leave = max(y - radius - 1, 0)
             for x in range(width):
-                column_sum[x] += int(image[enter, x]) - int(image[leave, x])
+                column_sum[x] += np.int64(image[enter, x]) - np.int64(image[leave, x])
         above = max(y - 1, 0)
         below = min(y + 1, height - 1)
         total = 0
@@ -55,8 +55,9 @@ def prefilter_normalized_response(image, size, cap, gain, mean_gain, column_sum,
             if x > 0:
                 total += column_sum[min(x + radius, width - 1)] - column_sum[max(x - radius - 1, 0)]
             centre = (
-                4 * int(image[y, x]) + int(image[y, max(x - 1, 0)]) + int(image[y, min(x + 1, width - 1)])
-                + int(image[above, x]) + int(image[below, x])
+                4 * np.int64(image[y, x])
+                + np.int64(image[y, max(x - 1, 0)]) + np.int64(image[y, min(x + 1, width - 1)])
+                + np.int64(image[above, x]) + np.int64(image[below, x])
             )  # fmt: skip
             value = (centre * gain - total * mean_gain) >> 10
             out[y, x] = min(max(value, -cap), cap) + cap

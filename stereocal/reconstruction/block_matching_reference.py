@@ -89,9 +89,11 @@ def match_filtered(
     return np.where(rejected, np.nan, disparity).astype(np.float32), least
 
 
-def cross_check(disparity: Disparity, cost: Sums, first_column: int, max_difference: int) -> None:
-    """Step 6, in place: the right image's disparity is that of the cheapest left pixel matched to it."""
-    width = first_column + disparity.shape[1]
+def cross_check(disparity: Disparity, cost: Sums, first_column: int, width: int, max_difference: int) -> None:
+    """Step 6, in place: the right image's disparity is that of the cheapest left pixel matched to it.
+
+    `first_column` is where the first column of `disparity` stands in the image of `width` columns.
+    """
     for row, costs in zip(disparity, cost, strict=True):
         cheapest: dict[int, tuple[int, float]] = {}
         for x, (d, c) in enumerate(zip(row, costs, strict=True), first_column):

@@ -121,19 +121,21 @@ def match_rows(
     columns[:] = 0
     for y in range(first - radius - 1, first + radius):
         for j in range(n + 2 * radius):
-            value = int(left[max(y, 0), left_column[j]])
+            value = np.int64(left[max(y, 0), left_column[j]])
             for k in range(count):
-                columns[j, k] += abs(value - int(right[max(y, 0), np.intp(right_start[j]) + k]))
+                columns[j, k] += abs(value - np.int64(right[max(y, 0), np.intp(right_start[j]) + k]))
 
     for y in range(first, last):
         entering, leaving = y + radius, max(y - radius - 1, 0)
         window[:] = 0
         right_sum[:] = 2147483647
         for j in range(n + 2 * radius):
-            new, old = int(left[entering, left_column[j]]), int(left[leaving, left_column[j]])
+            new, old = np.int64(left[entering, left_column[j]]), np.int64(left[leaving, left_column[j]])
             start = np.intp(right_start[j])
             for k in range(count):
-                columns[j, k] += abs(new - int(right[entering, start + k])) - abs(old - int(right[leaving, start + k]))
+                columns[j, k] += abs(new - np.int64(right[entering, start + k])) - abs(
+                    old - np.int64(right[leaving, start + k])
+                )
                 window[k] += columns[j, k]
             x = j - 2 * radius
             if x < 0:
