@@ -191,7 +191,8 @@ def schur_complement(equations: NormalEquations) -> tuple[Float, Float]:
         free = len(equations.U)
         Wt = equations.W.transpose(0, 2, 1)
         V_inv_Wt = np.linalg.solve(equations.V, Wt)
-        S = equations.U - Wt.reshape(-1, free).T @ V_inv_Wt.reshape(-1, free)
+        rows = 6 * len(equations.V)
+        S = equations.U - Wt.reshape(rows, free).T @ V_inv_Wt.reshape(rows, free)
         schur = (np.asarray(0.5 * (S + S.T)), np.asarray(V_inv_Wt))
         equations.schur = schur
         return schur

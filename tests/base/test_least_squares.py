@@ -31,7 +31,11 @@ PROBLEMS = {
         [-1.0, 0.0, 0],
         [1, 0, 0],
     ),
-    "badly scaled": (lambda x: np.array([1e6 * (x[0] - 1e-6), 1e-6 * (x[1] - 1e6), x[0] * x[1] - 1]), [1.0, 1], [1e-6, 1e6]),
+    "badly scaled": (
+        lambda x: np.array([1e6 * (x[0] - 1e-6), 1e-6 * (x[1] - 1e6), x[0] * x[1] - 1]),
+        [1.0, 1],
+        [1e-6, 1e6],
+    ),
 }
 
 
