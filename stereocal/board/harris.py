@@ -8,7 +8,7 @@ with the gradient I_x, I_y [eq 2a], A = I_x^2 [eq 2b], B = I_y^2 [eq 2c] and C =
 I_x^2 I_x^2, which has another unit). M is symmetric, so a turn of the axes makes it diag(l1, l2) [eq 6], the changes
 along the least and the most visible direction:
 
-    l = ( A + B -+ sqrt( (A - B)^2 + 4 C^2 ) ) / 2            [eq 7; A, B, C smoothed]
+    l = ( A + B -+ sqrt( (A - B)^2 + 4 C^2 ) ) / 2            [eq 7], A, B, C smoothed
 
 Both small: a flat area. One large: an edge, which slides along itself unseen. Both large: a corner. Harris and Stephens
 avoid the square root by the response
