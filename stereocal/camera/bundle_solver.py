@@ -4,7 +4,7 @@ One step solves the damped equations of ``bundle`` by the Schur complement over 
 becomes of the damping μ, is decided by the gain ratio as in ``base.least_squares``. The iteration ends when
 
 - gradient: every |b_i| / √(A_ii F) ≤ 1e-10: the residuals are orthogonal to all that can be changed;
-- cost: the decrease that the model still promises is ≤ 1e-14 F, or F has come down to rounding (1e-11 px a point);
+- cost: the decrease that the model still promises is ≤ 1e-14 F, or F has come down to rounding (1e-9 px a point);
 - step: no coordinate would move by more than 1e-12 of its own scale.
 
 The last two count only while μ is small: a heavily damped step is short and promises little, far from any optimum.
@@ -27,7 +27,7 @@ from stereocal.camera.losses import LOSSES
 _GRADIENT_TOLERANCE = 1e-10
 _COST_TOLERANCE = 1e-14
 _STEP_TOLERANCE = 1e-12
-_PERFECT_FIT = 1e-11
+_PERFECT_FIT = 1e-9
 # A loss of F smaller than this, where hardly anything was promised, is rounding and not a wrong model.
 _ROUNDING = 1e-11
 # A step damped more than this says nothing about convergence.
