@@ -28,8 +28,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from stereocal.base.checks import require_choice, require_integer
 from stereocal.base.errors import InputError
@@ -229,6 +227,9 @@ def _speckle_sizes_reference(
     disparity: NDArray[Any], valid: NDArray[np.bool_], max_difference: float
 ) -> NDArray[np.int32]:
     """Build the graph of ~ and count its components: the definition, with SciPy's graph search."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     label = np.arange(disparity.size).reshape(disparity.shape)
     exact = disparity.astype(np.float64)
     edges = []
