@@ -22,8 +22,8 @@ say, but needs, is that only *local maxima* of Q are listed: a corner lifts Q in
 The window H: the paper smooths with a Gaussian, ``cv2.cornerHarris`` sums over a square box. Both are here.
 
 What Harris cannot tell is *what sort* of corner it sees: the letters beside a board, the outer corners of the squares
-and the tips of fingers all respond. On the 21 left photographs of the paper it lists about ten true corners
-among a hundred; so the detector goes on with a measure that only saddles pass (:mod:`stereocal.board.saddle`).
+and the tips of fingers all respond. So the detector goes on with a measure that only saddles pass
+(:mod:`stereocal.board.saddle`).
 
 Sources: Harris and Stephens, *A combined corner and edge detector*, Alvey 1988; the paper's section 2.1.
 """
