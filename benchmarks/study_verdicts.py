@@ -247,7 +247,8 @@ def _print_row(name: str, trials: list[Trial]) -> None:
     beyond = [t for t in trials if t.beyond]
     bad = sum(t.verdict == "bad" for t in beyond)
     print(
-        f"{name:22s} {len(trials):4d} {counts[0]:5d} {counts[1]:6d} {counts[2]:5d} {counts[3]:7d}  {len(beyond):6d}  {bad:6d}"
+        f"{name:22s} {len(trials):4d} {counts[0]:5d} {counts[1]:6d} {counts[2]:5d} {counts[3]:7d}  "
+        f"{len(beyond):6d}  {bad:6d}"
     )
 
 

@@ -153,18 +153,6 @@ def examine_depth(
         f"{middle**2 * sigma_d / (f * B):.2g} from {sigma_d:g} px of disparity noise, {at_board:.2g} from the "
         "calibration."
     )
-    rows = tuple(
-        (
-            f"{d:.4g}",
-            f"{f * B / d:.3g}",
-            f"{a:.2g}",
-            f"{b:.2g}",
-            f"{np.hypot(a, b):.2g}",
-            f"{100 * np.hypot(a, b) / d:.2g}",
-        )
-        for d, a, b in zip(z, noise, own, strict=True)
-    )
-    header = ("distance", "disparity, px", "from disparity noise", "from the calibration", "σ_Z", "% of Z")
     facts = {
         "disparity_noise": sigma_d, "board_distance": middle, "board_range": [near, far], "sigma_z_at_board": promise,
         "calibration_sigma_at_board": at_board, "calibration_disparity": at_board * to_disparity,
@@ -183,6 +171,17 @@ def examine_depth(
         lead,
         tuple(verdicts),
         facts,
-        (Table(f"σ_Z over distance ({unit})", header, rows),),
+        (_sigma_table(z, noise, own, f * B, unit),),
         (picture,),
     )
+
+
+def _sigma_table(z: Float, noise: Float, own: Float, focal_baseline: float, unit: str) -> Table:
+    """σ_Z over distance, in rows."""
+    both = np.hypot(noise, own)
+    rows = tuple(
+        (f"{d:.4g}", f"{focal_baseline / d:.3g}", f"{a:.2g}", f"{b:.2g}", f"{c:.2g}", f"{100 * c / d:.2g}")
+        for d, a, b, c in zip(z, noise, own, both, strict=True)
+    )
+    header = ("distance", "disparity, px", "from disparity noise", "from the calibration", "σ_Z", "% of Z")
+    return Table(f"σ_Z over distance ({unit})", header, rows)

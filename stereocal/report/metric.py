@@ -28,7 +28,7 @@ from stereocal.report.evidence import Evidence
 from stereocal.report.figures_geometry import draw_board_shape
 from stereocal.report.rectified import rectify_corners
 from stereocal.report.rig_parameters import depths
-from stereocal.report.verdicts import Block, Picture, Table, judge
+from stereocal.report.verdicts import Block, Picture, Table, Verdict, judge
 
 
 def triangulate_corners(evidence: Evidence) -> Float:
@@ -104,33 +104,10 @@ def examine_metric(
     f, baseline = float(evidence.rig.left.K[0, 0]), float(evidence.rig.baseline)
     sigma_depth = points[..., 2] ** 2 * np.sqrt(2) * evidence.noise / (f * baseline)
     plane_sigma = float(np.sqrt(float(np.mean(sigma_depth**2))))
-    verdicts = [
-        judge("metric", "square_bias", abs(bias), "Mean scale of the triangulated boards against the board's own. It "
-              "cannot validate absolute scale: the fit has used the same squares.",
-              cause="The geometry of the two cameras contradicts the board's.",
-              action="Look at the flatness of the board and at the pairs that stand out."),
-        judge("metric", "plane", plane_rms / max(plane_sigma, 1e-300),
-              "RMS distance of triangulated corners from their board's plane, over what corner noise alone gives.",
-              cause="The board bends, or the shutters are not synchronous.",
-              action="Glue the board to glass or aluminium.",
-              at_worst="usable"),
-    ]  # fmt: skip
-    if bend is not None:
-        verdicts.append(
-            judge("metric", "board_shape", 100 * bend.rms / size,
-                  "How far the board's corners stand off its plane, RMS, the same in all views.",
-                  cause="The board is bent, folded or printed on soft paper.",
-                  action="Glue it to glass or aluminium, or calibrate with its shape as unknowns (board_warp).",
-                  at_worst="usable")
-        )  # fmt: skip
     measured = [_known_distance(evidence.rig, *known) for known in known_distances]
-    if measured:
-        worst_error = max(100 * abs(found / true - 1) for found, true in measured)
-        verdicts.append(
-            judge("metric", "known_distance", worst_error, "Distances that were not in the fit, against their length.",
-                  cause="The squares' size is not what was said, or the print is stretched.",
-                  action="Measure ten squares at once with a caliper and calibrate again with that size.")
-        )  # fmt: skip
+    verdicts = _judge_metric(
+        bias, plane_rms / max(plane_sigma, 1e-300), None if bend is None else 100 * bend.rms / size, measured
+    )
     near, far = (float(z) for z in np.percentile(evidence.points_left[..., 2].mean(axis=1), (25, 75)))
     facts = {
         "square_mean": float(sides.mean()), "square_sd": float(sides.std()), "scale_bias_percent": bias,
@@ -166,7 +143,39 @@ def examine_metric(
         True,
     )
     pictures = () if bend is None else (_bend_picture(evidence, bend),)
-    return Block("metric", "Metric", lead, tuple(verdicts), facts, (table,), pictures)
+    return Block("metric", "Metric", lead, verdicts, facts, (table,), pictures)
+
+
+def _judge_metric(
+    bias: float, flatness: float, bend: float | None, measured: Sequence[tuple[float, float]]
+) -> tuple[Verdict, ...]:
+    verdicts = [
+        judge("metric", "square_bias", abs(bias), "Mean scale of the triangulated boards against the board's own. It "
+              "cannot validate absolute scale: the fit has used the same squares.",
+              cause="The geometry of the two cameras contradicts the board's.",
+              action="Look at the flatness of the board and at the pairs that stand out."),
+        judge("metric", "plane", flatness,
+              "RMS distance of triangulated corners from their board's plane, over what corner noise alone gives.",
+              cause="The board bends, or the shutters are not synchronous.",
+              action="Glue the board to glass or aluminium.",
+              at_worst="usable"),
+    ]  # fmt: skip
+    if bend is not None:
+        verdicts.append(
+            judge("metric", "board_shape", bend,
+                  "How far the board's corners stand off its plane, RMS, the same in all views.",
+                  cause="The board is bent, folded or printed on soft paper.",
+                  action="Glue it to glass or aluminium, or calibrate with its shape as unknowns (board_warp).",
+                  at_worst="usable")
+        )  # fmt: skip
+    if measured:
+        worst_error = max(100 * abs(found / true - 1) for found, true in measured)
+        verdicts.append(
+            judge("metric", "known_distance", worst_error, "Distances that were not in the fit, against their length.",
+                  cause="The squares' size is not what was said, or the print is stretched.",
+                  action="Measure ten squares at once with a caliper and calibrate again with that size.")
+        )  # fmt: skip
+    return tuple(verdicts)
 
 
 def _bend_picture(evidence: Evidence, bend: BoardBend) -> Picture:

@@ -141,7 +141,13 @@ THRESHOLDS: dict[str, Threshold] = {
         "px of disparity",
         "ours: 0.25 px is what dense matching leaves, so a calibration below it does not limit depth",
     ),
-    "depth_bias": Threshold("depth error the model hides", 0.35, 1.0, "px of disparity", "ours"),
+    "depth_bias": Threshold(
+        "depth error the model hides",
+        0.35,
+        0.6,
+        "px of disparity",
+        "ours: beyond, depth is off by twice what is promised",
+    ),
     # disparity
     "scene_rows": Threshold(
         "row offset on the scene", 0.5, 1.0, "px", "Luxonis: factory below 0.5, users' limit 1.0 px (depthai issue 646)"

@@ -45,8 +45,8 @@ def table(pair) -> SweepTable:
 def test_counts_are_those_of_opencv(pair, table: SweepTable) -> None:
     """The paper's own procedure, with the paper's own library, cell by cell.
 
-    Counted inside the region that a search can reach: with minDisparity 1 OpenCV now and then leaves a disparity of 1 in
-    column 0, where there is nothing to compare with (here at blocks 9 and 15; the same in every call).
+    Counted inside the region that a search can reach: with minDisparity 1 OpenCV now and then leaves a disparity of 1
+    in column 0, where there is nothing to compare with (here at blocks 9 and 15; the same in every call).
     """
     for row in table.rows:
         matcher = cv2.StereoBM_create(numDisparities=32, blockSize=row.block_size)
