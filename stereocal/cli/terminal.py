@@ -25,9 +25,17 @@ from rich.progress import (
 from rich.progress import Progress as Bars
 
 
+class _Results(Console):
+    """A console whose reader may leave early, as `head` does: that is no failure of the job."""
+
+    def on_broken_pipe(self) -> None:
+        """Hand the reader's leaving on to ``main``, which ends the program well."""
+        raise BrokenPipeError
+
+
 def results() -> Console:
     """Return the console of standard output; lines are never broken in a file or a pipe."""
-    return Console(highlight=False, soft_wrap=True)
+    return _Results(highlight=False, soft_wrap=True)
 
 
 def errors() -> Console:
@@ -44,6 +52,7 @@ def print_json(document: Any) -> None:
     """Print one JSON document on standard output; what is not a number is null, as JSON has no NaN."""
     json.dump(_plain(document), sys.stdout, indent=2, ensure_ascii=False, allow_nan=False)
     sys.stdout.write("\n")
+    sys.stdout.flush()
 
 
 class Terminal:

@@ -335,3 +335,14 @@ def test_the_command_as_a_process() -> None:
     assert wrong.returncode == 2
     assert wrong.stdout == ""
     assert wrong.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("options", [[], ["--json"]])
+def test_a_reader_that_leaves_early_is_no_failure(photographs: Path, options: list[str]) -> None:
+    words = [sys.executable, "-m", "stereocal", "detect", str(photographs / "left"), *BOARD, *options]
+    job = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert job.stdout is not None
+    job.stdout.close()
+    _, err = job.communicate(timeout=120)
+    assert job.returncode == 0
+    assert err == ""
