@@ -111,7 +111,8 @@ def main() -> None:
         if index % 50 == 49:
             print(index + 1, "done, above", len(above), "refused", len(refused), "failed", len(failed), flush=True)
     print(
-        f"{arguments.rigs} rigs: above OpenCV {len(above)}, lower by more than 1e-6 {lower}, refused {len(refused)}, failed {len(failed)}"
+        f"{arguments.rigs} rigs: above OpenCV {len(above)}, lower by more than 1e-6 {lower}, "
+        f"refused {len(refused)}, failed {len(failed)}"
     )
     for row in above:
         print("  above  ", *(f"{v:.6g}" for v in row))

@@ -4,16 +4,12 @@
 The equations and letters are those of ``bundle``. What differs is the order of the work:
 
 - A block (the corners of one view in one camera) is taken in chunks of 64 points. For a chunk, every column of the
-Jacobian
-  is a row of a flat scratch array with a stride known at compile time, so that each loop runs over the points and the
-  compiler turns it into vector instructions without having to prove that arrays do not overlap. AᵀA is then one small
-  matrix product.
+  Jacobian is a row of a flat scratch array with a stride known at compile time, so that each loop runs over the points
+  and the compiler turns it into vector instructions without having to prove that arrays do not overlap. AᵀA is then one
+  small matrix product.
 - Derivatives are first taken by the block's own pose (a turn ω and a shift δt in the camera's frame) and the camera's
-parameters.
-  Of the outcome AᵀA, a matrix of at most 24 × 24, the parts for view and rig follow by 6×6 matrices:
-
-      R_c R_v:   ω = ω_c + R_c ω_v,    δt = δt_c − [R_c t_v]ₓ ω_c + R_c δt_v.
-
+  parameters. Of the outcome AᵀA, a matrix of at most 24 × 24, the parts for view and rig follow by 6×6 matrices, from
+  R_c R_v with ω = ω_c + R_c ω_v and δt = δt_c − [R_c t_v]ₓ ω_c + R_c δt_v.
 - G, of which no row holds more than one number, is passed as `target` (which free unknown) and `factor` (that number).
 
 Kernels take arrays and write into arrays; nothing is checked here.

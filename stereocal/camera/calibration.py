@@ -10,8 +10,7 @@ over the matrix K, the lens k and the poses (R_i, T_i) together. The way there:
 1. a homography a view (``homography``), checked for degenerate views;
 2. a start: Zhang's closed form, or what stands in for it (``zhang``, ``initialisation``);
 3. Levenberg–Marquardt on all unknowns at once (``bundle``, ``bundle_solver``). If it ends at an implausible place,
-other starts
-   are tried and the lowest F wins;
+   other starts are tried and the lowest F wins;
 4. the covariance of all unknowns (``covariance``).
 
 Reported RMS is OpenCV's, √(F / number of points): both coordinates count in one distance. A standard deviation σ of

@@ -6,8 +6,8 @@ Candidates are
 
 1. Zhang's closed form without skew;
 2. Zhang's closed form with the principal point at the middle of the image, fx and fy free;
-3. a focal-length search: fx = fy = 0.25 … 8 image widths, in steps of 2^¼, principal point in the middle: all local
-minima;
+3. a focal-length search: fx = fy = 0.25 … 8 image widths, in steps of 2^¼, principal point in the middle: all
+   local minima;
 4. the last of these, its lens k1, k2 fitted with the principal point held, before everything is let go.
 
 The first is right for good views of a mild lens. Noise, small tilts and strong distortion throw it off (B is not

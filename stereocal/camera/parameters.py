@@ -3,12 +3,12 @@
 A camera's parameters are fx, fy, cx, cy, skew and those of its lens model. ``fix=`` takes their names, and these for
 groups:
 
-====================  ==============================================================
-``"focal_length"``    fx, fy
-``"principal_point"`` cx, cy
-``"tangential"``      p1, p2
-``"distortion"``      all of the lens
-====================  ==============================================================
+=====================  ===============
+``"focal_length"``     fx, fy
+``"principal_point"``  cx, cy
+``"tangential"``       p1, p2
+``"distortion"``       all of the lens
+=====================  ===============
 
 In a rig a name alone is meant for every camera; ``"left.k3"`` or ``"right.k3"`` for one. A tie fx = a·fy
 (``aspect_ratio=a``) leaves one unknown of two. Both end up in one matrix G, δ(all) = G δ(free); see ``bundle``.

@@ -5,17 +5,17 @@ should be constant and is not. Calibrate each camera alone; then view i gives th
 from them the rig as that view sees it. In a healthy set all views see one rig. The deviations from it have a shape, and
 the shape names the fault:
 
-==================  ==========================================================================================
-``corner_order``    the deviation is a turn by 180° about the board's normal: left and right count the corners
-                    from opposite ends; undone, the view fits
-``pairing``         the view fits no rig, but with *another* view's right image it does: file lists are shifted
-``knocked``         the views before some moment see one rig, those after it another: a camera moved
-``synchronisation`` the board is elsewhere in the right image, by a step along the way it was moving (or, if its
-                    way is not known, by one that changes from view to view): shutters did not open together
-``bent_board``      each view fits, but the corners deviate by the same pattern in all views, and in both cameras:
-                    the pattern of heights above a plane
-``outlier``         a single view fits nothing: a detection gone wrong, or a board that was not held still
-==================  ==========================================================================================
+===================  ==============================================================================================
+``corner_order``     the deviation is a turn by 180° about the board's normal: left and right count the corners
+                     from opposite ends; undone, the view fits
+``pairing``          the view fits no rig, but with *another* view's right image it does: file lists are shifted
+``knocked``          the views before some moment see one rig, those after it another: a camera moved
+``synchronisation``  the board is elsewhere in the right image, by a step along the way it was moving (or, if its
+                     way is not known, by one that changes from view to view): shutters did not open together
+``bent_board``       each view fits, but the corners deviate by the same pattern in all views, and in both cameras:
+                     the pattern of heights above a plane
+``outlier``          a single view fits nothing: a detection gone wrong, or a board that was not held still
+===================  ==============================================================================================
 
 **The deviation as a motion.** Let the rig be R, T. The board's pose R_l, t_l in the left camera predicts the pose R
 R_l, R t_l + T in the right one. What is measured there differs from it by a small turn ω and a displacement d of the

@@ -4,18 +4,18 @@ A rectification of a strange rig is mathematically right and of no use: pictures
 disparities that no matcher looks for. Users then see an empty depth map and no word why. Each check here looks at one
 number of the geometry, and answers with a sentence that names the cause, the number and the remedy.
 
-=========================  ==========================================================================  =============
-what                       how it shows                                                                limit (ours)
-=========================  ==========================================================================  =============
-one camera upside down     the rotation between the cameras turns about the optical axis               above 135°
-one camera on its side     the same                                                                    above 45°
-swapped cameras            the rectified baseline b is positive: the first camera is on the right      b > 0
-vertical rig               the baseline lies along y                                                   |t_y| ≥ |t_x|
-baseline along the view    the rotation w that lays the baseline on an axis is large                   above 40°
-converging cameras         the angle between the optical axes                                          above 40°
-hardly a common view       share of the rectified picture that both cameras fill                       below 20 %
-ghosts                     share of a picture where the lens formula folds over and shows things twice  above 1 %
-=========================  ==========================================================================  =============
+=======================  ===========================================================================  =============
+what                     how it shows                                                                 limit (ours)
+=======================  ===========================================================================  =============
+one camera upside down   the rotation between the cameras turns about the optical axis                above 135°
+one camera on its side   the same                                                                     above 45°
+swapped cameras          the rectified baseline b is positive: the first camera is on the right       b > 0
+vertical rig             the baseline lies along y                                                    |t_y| ≥ |t_x|
+baseline along the view  the rotation w that lays the baseline on an axis is large                    above 40°
+converging cameras       the angle between the optical axes                                           above 40°
+hardly a common view     share of the rectified picture that both cameras fill                        below 20 %
+ghosts                   share of a picture where the lens formula folds over and shows things twice  above 1 %
+=======================  ===========================================================================  =============
 """
 
 from __future__ import annotations

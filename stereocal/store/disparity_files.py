@@ -2,15 +2,15 @@
 
 Inside the library a disparity map is (H, W) float32 in pixels, NaN where there is none. Outside:
 
-=============  ==================  =====================  ==============================================================
-encoding       file                value                  no answer
-=============  ==================  =====================  ==============================================================
-``pfm``        ``.pfm``            d, float32             +inf (Middlebury 2014); NaN is read as none too
-``kitti``      16-bit ``.png``     round(256 d)           0, so d = 0 is written as 1/256, as KITTI's own writer does
-``middlebury`` 8-bit ``.png/.pgm`` round(scale · d)       0; scale 4 (Middlebury 2003), 16 (Tsukuba), 8, 3, …
-``opencv``     int16 ``.npy``      round(16 d)            16 (min_disparity − 1)
-``npy``        float32 ``.npy``    d                      NaN
-=============  ==================  =====================  ==============================================================
+==============  ===================  ================  ===========================================================
+encoding        file                 value             no answer
+==============  ===================  ================  ===========================================================
+``pfm``         ``.pfm``             d, float32        +inf (Middlebury 2014); NaN is read as none too
+``kitti``       16-bit ``.png``      round(256 d)      0, so d = 0 is written as 1/256, as KITTI's own writer does
+``middlebury``  8-bit ``.png/.pgm``  round(scale · d)  0; scale 4 (Middlebury 2003), 16 (Tsukuba), 8, 3, …
+``opencv``      int16 ``.npy``       round(16 d)       16 (min_disparity − 1)
+``npy``         float32 ``.npy``     d                 NaN
+==============  ===================  ================  ===========================================================
 
 A PFM file is ``Pf``, ``width height``, a scale whose sign says the byte order (negative: little-endian), and the rows
 of float32 from the BOTTOM of the image up. A value that an encoding cannot hold (negative, too large) is refused, never

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture
 def stereocal_check() -> Callable[..., FunctionReport]:
-    """Return a function (kernel, function, **options) that fails the test unless the function agrees.
+    """Return a function of kernel, function and options that fails the test unless the function agrees.
 
     The options are those of :func:`stereocal.verify.function_checks.check_function`; the report is returned.
     """
