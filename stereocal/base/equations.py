@@ -4,8 +4,8 @@ The paper numbers three equations "(2)", so the project has its own ids. A docst
 or ``[alg-speckle]``; a test reads every docstring of the library and this registry together, so that every id that is
 named exists, and every equation has the implementer that the registry claims.
 
-Source: W. Kowalczyk et al., *Modern UVC stereovision camera's calibration and disparity maps generation: mathematical
-basis, algorithms and implementations*.
+Source: *Modern UVC stereovision camera's calibration and disparity maps generation: mathematical basis, algorithms and
+implementations*, the paper that the library implements.
 """
 
 from __future__ import annotations

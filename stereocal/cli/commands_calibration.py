@@ -133,6 +133,8 @@ def calibrate(
     side_by_side: Annotated[bool, Parameter(negative="")] = False,
     skip_bad: Annotated[bool, Parameter(negative="")] = False,
     max_tilt: float = 60.0,
+    board_warp: Literal["flat", "bow", "released", "auto"] = "flat",
+    swap: Annotated[bool, Parameter(negative="")] = False,
     output: Output | None = None,
 ) -> None:
     """Calibrate a stereo rig from photographs of a chessboard.
@@ -159,6 +161,10 @@ def calibrate(
         Go on without photographs that cannot be read, have another size, or have no partner.
     max_tilt : float
         Leave out views that see the board more from the side than this (degrees), if ten others remain.
+    board_warp : str
+        The board's shape as unknown: flat (no), bow, released, or auto (decided by the error on views held out).
+    swap : bool
+        Exchange left and right: the photographs called left are the right camera's.
     """
     with usage():
         corners, length = parse_inner_corners(inner_corners), parse_length(square)
@@ -176,6 +182,8 @@ def calibrate(
         out=out,
         skip_bad=skip_bad,
         max_tilt=max_tilt,
+        board_warp=board_warp,
+        swap=swap,
         progress=Terminal(),
     )
     answer(output, run.as_dict, summarize_calibration(run))

@@ -104,6 +104,10 @@ def summarize_calibration(run: CalibrationRun) -> Iterator[RenderableType]:
     yield "  [dim]root mean square distance between found and predicted corners, as OpenCV counts it[/]"
     yield f"[bold]baseline {rig.baseline:.4f}[/] {unit}"
     yield _camera_table(run)
+    if calibration.board.kind != "flat":
+        yield f"board       its shape was an unknown too: {calibration.board.kind}"
+    for sentence in run.warnings:
+        yield Text(f"warning: {sentence}", style="yellow")
     yield from _verdicts(run)
     yield ""
     yield from _files(run.files, run.folder)

@@ -105,6 +105,11 @@ class StereoCalibration:
     board: BoardShape = field(repr=False)
     joint: BundleCovariance = field(repr=False)
 
+    @property
+    def object_points(self) -> Float:
+        """The board's points (N, 3) that the residuals refer to: flat, or with the shape that was found."""
+        return self.board.points
+
     def summary(self) -> str:
         """Return the result in a few lines of text, each parameter with its standard deviation."""
         om, T = rotation_vector(self.rig.R), self.rig.T

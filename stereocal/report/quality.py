@@ -292,7 +292,10 @@ def _same_model_refit(calibration: Any, board: Any, size: tuple[int, int]) -> Re
         # not at the top: calibrating again is only one way to get a refit
         from stereocal.pair.stereo_calibration import calibrate_stereo
 
-        return calibrate_stereo(board.object_points, left, right, size, model=calibration.rig.left.model)
+        # A calibration that freed the board's shape has another board than the drawing says.
+        points = getattr(calibration, "object_points", None)
+        X = board.object_points if points is None else points
+        return calibrate_stereo(X, left, right, size, model=calibration.rig.left.model)
 
     return refit
 

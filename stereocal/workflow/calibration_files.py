@@ -149,6 +149,8 @@ def _beyond_the_rig(run: CalibrationRun) -> dict[str, Any]:
         "std": {**std, "baseline": calibration.baseline_std},
         "parameter_names": list(calibration.parameter_names),
         "covariance": calibration.covariance.tolist(),
+        "board_shape": calibration.board.kind,
+        "board_points": None if calibration.board.kind == "flat" else calibration.board.points.tolist(),
         "converged": calibration.converged,
         "iterations": calibration.iterations,
     }

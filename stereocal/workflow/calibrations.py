@@ -28,6 +28,7 @@ from stereocal.workflow.outputs import staged_folder
 from stereocal.workflow.photographs import Pair, Photograph, pair_photographs
 from stereocal.workflow.progress import Progress, Silent
 from stereocal.workflow.quantities import Length, parse_inner_corners, parse_length
+from stereocal.workflow.rectified_pairs import rectify_for_viewing
 from stereocal.workflow.rig_fitting import PairRecord, RigFit, fit_rig
 from stereocal.workflow.view_selection import MAX_TILT
 
@@ -74,6 +75,11 @@ class CalibrationRun:
     seconds: float = 0.0
 
     @property
+    def warnings(self) -> list[str]:
+        """What is odd about the rig (cameras swapped, upside down, ...), a sentence each."""
+        return list(rectify_for_viewing(self.fit.calibration.rig).warnings)
+
+    @property
     def used(self) -> list[PairRecord]:
         """The pairs of the joint fit, in its order."""
         return [record for record in self.pairs if record.used]
@@ -93,6 +99,8 @@ def calibrate_rig(
     out: str | os.PathLike[str] = "out",
     skip_bad: bool = False,
     max_tilt: float = MAX_TILT,
+    board_warp: str = "flat",
+    swap: bool = False,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> CalibrationRun:
@@ -115,6 +123,10 @@ def calibrate_rig(
         the job.
     max_tilt : float
         Degrees; views that see the board more from the side are left out if enough others remain.
+    board_warp : str
+        Whether the board's shape is an unknown too: flat (no), bow, released, or auto (decided by held-out error).
+    swap : bool
+        Whether left and right are to be exchanged: the photographs called left were taken by the right camera.
     workers : int, optional
         Threads for the detection.
     progress : Progress, optional
@@ -135,13 +147,15 @@ def calibrate_rig(
     board = Chessboard(inner_corners=parse_inner_corners(inner_corners), square_size=length.value)
     with staged_folder(out) as staged:
         pairs, alone = pair_photographs(left, right)
+        if swap:
+            pairs = [Pair(pair.right, pair.left) for pair in pairs]
         problems = [DataFileError(photograph.path, NO_PARTNER) for photograph in alone]
         _stop_or_go_on(problems, skip_bad)
         records, unusable = _find_in_pairs(pairs, board, workers, watch)
         _stop_or_go_on(unusable, skip_bad)
         problems += unusable
         with watch.stage("Calibrating"):
-            fit = fit_rig(records, board, model=model, max_tilt=max_tilt)
+            fit = fit_rig(records, board, model=model, max_tilt=max_tilt, board_warp=board_warp)
         run = CalibrationRun(
             board=board,
             square=length,

@@ -108,7 +108,12 @@ class RigFit:
 
 
 def fit_rig(
-    records: Sequence[PairRecord], board: Chessboard, *, model: str = "brown", max_tilt: float = MAX_TILT
+    records: Sequence[PairRecord],
+    board: Chessboard,
+    *,
+    model: str = "brown",
+    max_tilt: float = MAX_TILT,
+    board_warp: str = "flat",
 ) -> RigFit:
     """Fit one rig to the pairs that show the board and agree; each record learns what became of it.
 
@@ -122,6 +127,8 @@ def fit_rig(
         Distortion model of both cameras.
     max_tilt : float
         Degrees; a view tilted by more is left out if at least :data:`ENOUGH_VIEWS` others remain.
+    board_warp : str
+        The board's shape as unknown: flat, bow, released, or auto (by held-out error); views are chosen with it flat.
 
     Raises
     ------
@@ -150,6 +157,8 @@ def fit_rig(
     if _leave_out(records, _both_images(calibration), "does not fit the rig"):
         _require_pairs(records, board)
         calibration = _fit_jointly(records, board, model)
+    if board_warp != "flat":
+        calibration = _fit_jointly(records, board, model, board_warp)
     used = [record for record in records if record.used]
     view_rms = _both_images(calibration)
     for record, rms in zip(used, view_rms, strict=True):
@@ -215,10 +224,12 @@ def _fit_each(
     )
 
 
-def _fit_jointly(records: Sequence[PairRecord], board: Chessboard, model: str) -> StereoCalibration:
+def _fit_jointly(
+    records: Sequence[PairRecord], board: Chessboard, model: str, board_warp: str = "flat"
+) -> StereoCalibration:
     used = [record for record in records if record.used]
-    X, size = [board.object_points] * len(used), used[0].left.image_size
-    return calibrate_stereo(X, *_corners(used), size, model=model)
+    size, warp = used[0].left.image_size, False if board_warp == "flat" else board_warp
+    return calibrate_stereo(board.object_points, *_corners(used), size, model=model, board_warp=warp)
 
 
 def _poses(calibration: CameraCalibration) -> list[tuple[Float, Float]]:

@@ -136,6 +136,32 @@ def test_side_by_side_frames_calibrate_to_the_same_rig(
     assert answer.json["left"]["K"] == saved["left"]["K"]
 
 
+def test_swapped_cameras_are_named_and_swap_puts_them_right(
+    run: Any, photographs: Path, calibrated: Path, tmp_path: Path
+) -> None:
+    wrong = (photographs / "right", photographs / "left", *BOARD, "--square", "25mm")
+    answer = run("calibrate", *wrong, "--out", tmp_path / "wrong")
+    assert "warning: The cameras are swapped" in answer.out
+    assert "--swap" in answer.out
+    mended = run("calibrate", *wrong, "--swap", "--out", tmp_path / "o", "--json").json
+    saved = json.loads((calibrated / "calibration.json").read_text())
+    assert mended["T"] == saved["T"]
+    assert mended["left"]["K"] == saved["left"]["K"]
+
+
+def test_the_boards_shape_can_be_an_unknown(run: Any, photographs: Path, calibrated: Path, tmp_path: Path) -> None:
+    answer = run(
+        "calibrate", photographs / "left", photographs / "right", *BOARD, "--board-warp", "bow", "--out", tmp_path / "o",
+        "--json",
+    )  # fmt: skip
+    saved = json.loads((calibrated / "calibration.json").read_text())
+    assert saved["board_shape"] == "flat"
+    assert saved["board_points"] is None
+    assert answer.json["board_shape"] == "bow"
+    assert np.shape(answer.json["board_points"]) == (30, 3)
+    assert answer.json["rms"] <= saved["rms"]
+
+
 def test_a_pair_without_a_board_is_left_out_with_the_reason(run: Any, copy: Path, tmp_path: Path) -> None:
     scene = Image.open(copy / "scene" / "left.png").convert("L")
     scene.save(copy / "left" / "03.png")
