@@ -150,10 +150,8 @@ def test_swapped_cameras_are_named_and_swap_puts_them_right(
 
 
 def test_the_boards_shape_can_be_an_unknown(run: Any, photographs: Path, calibrated: Path, tmp_path: Path) -> None:
-    answer = run(
-        "calibrate", photographs / "left", photographs / "right", *BOARD, "--board-warp", "bow", "--out", tmp_path / "o",
-        "--json",
-    )  # fmt: skip
+    words = ("calibrate", photographs / "left", photographs / "right", *BOARD, "--board-warp", "bow", "--json")
+    answer = run(*words, "--out", tmp_path / "o")
     saved = json.loads((calibrated / "calibration.json").read_text())
     assert saved["board_shape"] == "flat"
     assert saved["board_points"] is None
