@@ -29,6 +29,7 @@ from stereocal.board.saddle import saddle_candidates, saddle_response
 from stereocal.board.subpixel import SaddleFit, fit_corner_grid
 
 _SMALLEST_LEVEL = 200  # longest side of the coarsest level is at least this
+_LARGEST_CLOSED = 1.3e6  # pixels: gaps are closed in images up to this size
 _GOES_ON = 1.2  # outer squares that reach further are those of a further line
 _COVERED, _WHOLE = 0.65, 0.15  # a covered line's outer squares reach less than this; and less than others by this
 
@@ -118,14 +119,15 @@ def detect_chessboard_detailed(image: ArrayLike, board: Chessboard | tuple[int, 
         board = Chessboard(board)
     gray = _as_bytes_or_float(to_gray(image))
     best = Detection(False, message="no corner of a chessboard was seen; is the board in the picture, and sharp?")
-    for level, scale in _pyramid(gray, board):
-        attempt = _search_level(level, scale, gray, board)
-        if attempt.found and not _dwarfed(attempt, best):
-            return attempt
-        if attempt.found:
-            continue
-        if _progress(attempt) >= _progress(best):
-            best = attempt
+    for levels in (_pyramid(gray, board), _closed_pyramid(gray, board)):
+        for level, scale in levels:
+            attempt = _search_level(level, scale, gray, board)
+            if attempt.found and not _dwarfed(attempt, best):
+                return attempt
+            if not attempt.found and _progress(attempt) >= _progress(best):
+                best = attempt
+        if best.other_size and np.prod(best.other_size) > board.corner_count:
+            break  # a larger board was seen whole: no part of it is the one asked for
     return best
 
 
@@ -154,17 +156,39 @@ def _as_bytes_or_float(gray: NDArray[Any]) -> NDArray[Any]:
     return ((gray.astype(np.float64) - low) * stretch).astype(np.float32)
 
 
-def _pyramid(gray: NDArray[Any], board: Chessboard) -> Any:
-    """Levels from coarse to fine, each with its scale: image pixel = scale * (level pixel + 0.5) - 0.5."""
-    from stereocal.board.saddle_kernels import double, halve
+def _halved(gray: NDArray[Any], smallest: int, least_side: int) -> list[tuple[NDArray[Any], float]]:
+    """The image and its halves while the longest side stays above `smallest` and the shortest above `least_side`."""
+    from stereocal.board.saddle_kernels import halve
 
     levels = [(gray, 1.0)]
-    while max(levels[-1][0].shape) >= 2 * _SMALLEST_LEVEL and min(levels[-1][0].shape) >= 12 * max(board.inner_corners):
+    while max(levels[-1][0].shape) >= 2 * smallest and min(levels[-1][0].shape) >= 2 * least_side:
         fine, scale = levels[-1]
         coarse = np.empty((fine.shape[0] // 2, fine.shape[1] // 2), np.float32)
         halve(fine, coarse)
         levels.append((coarse, 2 * scale))
-    yield from reversed(levels)
+    return levels
+
+
+def _closed_pyramid(gray: NDArray[Any], board: Chessboard) -> Any:
+    """Levels whose dark, then whose light parts have grown by one and by two pixels, coarse to fine."""
+    from stereocal.board.saddle_kernels import spread_darkest
+
+    for level, scale in reversed(_halved(gray, _SMALLEST_LEVEL // 2, 6 * max(board.inner_corners))):
+        if level.size > _LARGEST_CLOSED:
+            break
+        for tone in (1, -1):
+            grown = level
+            for _ in range(2):
+                former, grown = grown, np.empty(level.shape, np.float32)
+                spread_darkest(former, tone, grown)
+                yield grown, scale
+
+
+def _pyramid(gray: NDArray[Any], board: Chessboard) -> Any:
+    """Levels from coarse to fine, each with its scale: image pixel = scale * (level pixel + 0.5) - 0.5."""
+    from stereocal.board.saddle_kernels import double
+
+    yield from reversed(_halved(gray, _SMALLEST_LEVEL, 6 * max(board.inner_corners)))
     if max(gray.shape) <= 800:
         fine = np.empty((2 * gray.shape[0], 2 * gray.shape[1]), np.float32)
         double(gray, fine)

@@ -79,6 +79,26 @@ def double(image, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def spread_darkest(image, sign, out):
+    """Least of sign * image over 3x3 pixels, borders replicated, times sign: dark (+1) or light (-1) grows by one."""
+    height, width = image.shape
+    column = np.empty(width + 2, np.float32)
+    tone = np.float32(sign)
+    inner = column[1 : width + 1]
+    for y in range(height):
+        upper, middle, lower = image[max(y - 1, 0)], image[y], image[min(y + 1, height - 1)]
+        for x in range(width):
+            a, b, c = tone * np.float32(upper[x]), tone * np.float32(middle[x]), tone * np.float32(lower[x])
+            a = a if a < b else b
+            inner[x] = a if a < c else c
+        column[0], column[width + 1] = column[1], column[width]
+        row = out[y]
+        for x in range(width):
+            a = column[x] if column[x] < column[x + 1] else column[x + 1]
+            row[x] = tone * (a if a < column[x + 2] else column[x + 2])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _column_maxima(upper, middle, lower, out):
     for x in range(out.size):
         a = upper[x] if upper[x] > middle[x] else middle[x]

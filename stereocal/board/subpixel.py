@@ -172,6 +172,12 @@ def fit_corner_grid(
     light = _light(theta, shape)
     band = 2 * theta[:, 4] + 1
     fit_saddles(gray, points, steps, bends, half, band, light, width, False, 2e-3, 15, theta, covariance, info)
+    late = np.nonzero(info[:, 2] == 0)[0]
+    if late.size:  # where the picture is not the model's (overexposed, in a shadow's edge) the way may be long
+        again = [np.ascontiguousarray(a[late]) for a in (points, steps, bends, half, band, light, width)]
+        results = [theta[late], covariance[late], info[late]]
+        fit_saddles(gray, *again, False, 2e-3, 100, *results)
+        theta[late], covariance[late], info[late] = results
     near = np.hypot(*(theta[:, :2] - given).T) < 0.35 * shortest
     edge_widths = np.abs(theta[:, 4]) / np.sqrt(2)
     aliased = ALIASING_ERROR * np.exp(-((np.pi * edge_widths) ** 2) / 2)
