@@ -12,6 +12,7 @@
 ``distortion_division``             division
 ``distortion_rational_function``    a 3×6 matrix on monomials of degree two
 ``distortion_inverse``              undoing a lens where it can be undone
+``distortion_inverse_kernels``      the same, compiled
 ``homography_kernels``              many at once, compiled
 ``homography``                      the plane's homography, by the direct linear transform
 ``zhang``                           camera matrix and pose from homographies, in closed form

@@ -24,7 +24,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stereocal.base.checks import Float, as_array, as_camera_matrix, as_points, as_rotation, require_finite
+from stereocal.base.checks import (
+    Float,
+    as_array,
+    as_camera_matrix,
+    as_points,
+    as_rotation,
+    require_choice,
+    require_finite,
+)
 from stereocal.base.errors import InputError
 from stereocal.camera.distortion_base import DistortionModel
 from stereocal.camera.distortion_brown import Brown, Rational, ThinPrism, Tilted
@@ -121,7 +129,9 @@ def distort_normalized(x: ArrayLike, dist: ArrayLike | None, model: str = "brown
     return distortion_model(model).distort(as_points(x, 2, "x", finite=False), as_distortion(dist, model))
 
 
-def undistort_normalized(x: ArrayLike, dist: ArrayLike | None, model: str = "brown") -> Float:
+def undistort_normalized(
+    x: ArrayLike, dist: ArrayLike | None, model: str = "brown", *, backend: str = "numba"
+) -> Float:
     """Return the x with x_d(x; k) given, on the normalised plane z = 1.
 
     Parameters
@@ -132,6 +142,9 @@ def undistort_normalized(x: ArrayLike, dist: ArrayLike | None, model: str = "bro
         Coefficients k of the model.
     model : str
         A key of :data:`MODELS`.
+    backend : {"numba", "numpy"}
+        The compiled kernel, where the model has one (pinhole, polynomial, brown, rational, thin_prism, fisheye), or
+        the reference in NumPy. They agree to 1e-12.
 
     Returns
     -------
@@ -139,7 +152,10 @@ def undistort_normalized(x: ArrayLike, dist: ArrayLike | None, model: str = "bro
         Exact to 1e-12; NaN where the point is outside of the region in which the model can be undone (its domain, see
         ``distortion_inverse``): ``np.isnan(result[:, 0])`` is the mask.
     """
-    return distortion_model(model).undistort(as_points(x, 2, "x", finite=False), as_distortion(dist, model))
+    require_choice(backend, ("numba", "numpy"), "backend")
+    chosen = distortion_model(model)
+    undistort = chosen.undistort_compiled if backend == "numba" else chosen.undistort
+    return undistort(as_points(x, 2, "x", finite=False), as_distortion(dist, model))
 
 
 def to_normalized(points: Float, K: Float) -> Float:

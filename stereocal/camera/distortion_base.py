@@ -67,6 +67,10 @@ class DistortionModel(ABC):
     def undistort(self, x_d: Float, k: Float) -> Float:
         """Return the ideal points x (N, 2) of distorted ones; NaN where the model has no answer."""
 
+    def undistort_compiled(self, x_d: Float, k: Float) -> Float:
+        """Return the same as `undistort`, from a kernel where the model has one (``distortion_inverse_kernels``)."""
+        return self.undistort(x_d, k)
+
     @abstractmethod
     def jacobians(self, x: Float, k: Float) -> tuple[Float, Float, Float]:
         """Return x_d (N, 2), ∂x_d/∂x (N, 2, 2) and ∂x_d/∂k (N, 2, n)."""

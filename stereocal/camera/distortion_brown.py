@@ -24,9 +24,10 @@ import numpy as np
 
 from stereocal.base.checks import Float
 from stereocal.camera.distortion_base import ForwardModel
-from stereocal.camera.distortion_inverse import first_turning_point, invert_radial
+from stereocal.camera.distortion_inverse import first_turning_point, invert_radial, invert_radial_compiled
 
 NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
+_NOT_RADIAL = [2, 3, 8, 9, 10, 11, 12, 13]
 
 
 class Brown(ForwardModel):
@@ -55,12 +56,25 @@ class Brown(ForwardModel):
     def undistort(self, x_d: Float, k: Float) -> Float:
         """Return x with distort(x, k) = x_d, to 1e-12; NaN outside the domain (see ``distortion_inverse``)."""
         k = _padded(k)
-        if np.any(k[[2, 3, 8, 9, 10, 11, 12, 13]]):
+        if np.any(k[_NOT_RADIAL]):
             return super().undistort(x_d, k)
         r_d = np.hypot(x_d[:, 0], x_d[:, 1])
         r = invert_radial(lambda r: _radial(r, k), r_d, radial_limit(k))
         with np.errstate(invalid="ignore"):
             return x_d * np.where(r_d > 0, r / np.where(r_d > 0, r_d, 1.0), 1.0)[:, None]
+
+    def undistort_compiled(self, x_d: Float, k: Float) -> Float:
+        """Return the same as `undistort`, from a kernel; a tilted sensor has none."""
+        from stereocal.camera.distortion_inverse_kernels import invert_brown_kernel
+
+        k = _padded(k)
+        if np.any(k[12:]):
+            return self.undistort(x_d, k)
+        if not np.any(k[_NOT_RADIAL]):
+            return invert_radial_compiled(x_d, np.array([k[0], k[1], k[4]]), k[5:8], radial_limit(k))
+        x = np.empty_like(x_d, order="C")
+        invert_brown_kernel(np.ascontiguousarray(x_d), k[:12], x)
+        return x
 
     def jacobians(self, x: Float, k: Float) -> tuple[Float, Float, Float]:
         """Return x_d, ∂x_d/∂x and ∂x_d/∂k."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from stereocal.base.checks import Float
 from stereocal.camera.distortion_base import ForwardModel
-from stereocal.camera.distortion_inverse import first_turning_point, invert_radial
+from stereocal.camera.distortion_inverse import first_turning_point, invert_radial, invert_radial_compiled
 
 # Below this radius (θ_d/r − 1) is its series: the closed form divides two numbers that vanish.
 _SMALL_RADIUS = 1e-4
@@ -51,12 +51,15 @@ class Fisheye(ForwardModel):
             value = theta * (1 + t * (k[0] + t * (k[1] + t * (k[2] + t * k[3]))))
             return value, 1 + t * (3 * k[0] + t * (5 * k[1] + t * (7 * k[2] + t * 9 * k[3])))
 
-        turn = np.sqrt(first_turning_point(np.array([1, 3 * k[0], 5 * k[1], 7 * k[2], 9 * k[3]])))
         theta_d = np.hypot(x_d[:, 0], x_d[:, 1])
-        theta = invert_radial(g, theta_d, float(min(turn, np.pi / 2)))
+        theta = invert_radial(g, theta_d, _last_angle(k))
         return np.asarray(
             x_d * np.where(theta_d > 0, np.tan(theta) / np.where(theta_d > 0, theta_d, 1.0), 1.0)[:, None]
         )
+
+    def undistort_compiled(self, x_d: Float, k: Float) -> Float:
+        """Return the same as `undistort`, from a kernel."""
+        return invert_radial_compiled(x_d, k, np.zeros(3), _last_angle(k), of_angle=True)
 
     def jacobians(self, x: Float, k: Float) -> tuple[Float, Float, Float]:
         """Return x_d, ∂x_d/∂x = f I + (f_r / r) x xᵀ with f = θ_d / r, and ∂x_d/∂k = x θ³, θ⁵, θ⁷, θ⁹ / r."""
@@ -76,3 +79,9 @@ class Fisheye(ForwardModel):
         theta_over_r = np.where(small, 1 - s / 3, theta / safe)
         powers = theta_over_r[:, None] * np.stack([t, t**2, t**3, t**4], axis=1)
         return x * f[:, None], J, x[:, :, None] * powers[:, None, :]
+
+
+def _last_angle(k: Float) -> float:
+    """Where θ_d stops to rise, or 90°."""
+    turn = np.sqrt(first_turning_point(np.array([1, 3 * k[0], 5 * k[1], 7 * k[2], 9 * k[3]])))
+    return float(min(turn, np.pi / 2))

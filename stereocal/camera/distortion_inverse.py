@@ -16,6 +16,8 @@ For general maps (:func:`invert_map`) Newton's method, h = −(∂f/∂x)⁻¹ (
 backtracking: a step is halved until the residual shrinks and det ∂f/∂x stays positive. Where that fails, the solution
 is followed along the ray, f(x) = s·y for s = 1/16, 2/16, …, 1 (continuation). Each answer is then checked: residual ≤
 1e-12, and a positive determinant at 32 stations on the way from the centre.
+
+``distortion_inverse_kernels`` is the compiled twin for OpenCV's family and the fisheye.
 """
 
 from __future__ import annotations
@@ -52,7 +54,7 @@ def invert_map(f: MapWithJacobian, y: Float) -> Float:
         return y.copy()
     with np.errstate(all="ignore"):
         x, good = _newton(f, y, y.copy())
-        good &= _inside_domain(f, x)
+        good = _inside_domain(f, x, good)
         hard = np.flatnonzero(~good & np.all(np.isfinite(y), axis=1))
         if len(hard):
             followed = np.zeros((len(hard), 2))
@@ -61,7 +63,7 @@ def invert_map(f: MapWithJacobian, y: Float) -> Float:
                 followed, solved = _newton(f, s * y[hard], followed)
                 alive &= solved
             x[hard] = followed
-            good[hard] = alive & _inside_domain(f, followed)
+            good[hard] = _inside_domain(f, followed, alive)
     x[~good] = np.nan
     return x
 
@@ -109,9 +111,9 @@ def _newton(f: MapWithJacobian, y: Float, x: Float) -> tuple[Float, np.ndarray]:
     return x, (error <= _TOLERANCE * size) & (determinant > 0)
 
 
-def _inside_domain(f: MapWithJacobian, x: Float) -> np.ndarray:
-    """Whether det ∂f/∂x > 0 at stations all the way from the centre to x."""
-    inside = np.all(np.isfinite(x), axis=1)
+def _inside_domain(f: MapWithJacobian, x: Float, solved: np.ndarray) -> np.ndarray:
+    """Which of the solved x have det ∂f/∂x > 0 at stations all the way from the centre."""
+    inside = solved.copy()
     if not inside.any():
         return inside
     # One polar survey settles most points: inside its safe radius no station can fail.
@@ -153,27 +155,29 @@ def invert_radial(g: Callable[[Float], tuple[Float, Float]], y: Float, limit: fl
     -------
     ndarray of shape (N,)
     """
-    low = np.zeros_like(y)
-    if np.isfinite(limit):
-        high = np.full_like(y, limit)
-        solvable = y < g(high)[0]
-    else:
-        high = np.maximum(y, 1e-300)
-        for _ in range(1100):
-            short = g(high)[0] < y
-            if not short.any():
-                break
-            high = np.where(short, 2 * high, high)
-        solvable = np.isfinite(y)
-    r = np.minimum(y, 0.5 * (low + high))
+    # Far out a polynomial overflows, to infinity or, over another, to nothing: both say that r is too large.
     with np.errstate(all="ignore"):
+        low = np.zeros_like(y)
+        if np.isfinite(limit):
+            high = np.full_like(y, limit)
+            # where the branch ends at a pole, g(limit) is enormous, and rounding decides its sign
+            solvable = np.isfinite(y) & ~(np.abs(g(high)[0]) <= y)
+        else:
+            high = np.maximum(y, 1e-300)
+            for _ in range(1100):
+                short = g(high)[0] < y
+                if not short.any():
+                    break
+                high = np.where(short, 2 * high, high)
+            solvable = np.isfinite(y)
+        r = np.minimum(y, 0.5 * (low + high))
         for _ in range(200):
             value, slope = g(r)
-            above = value > y
-            high = np.where(above, r, high)
-            low = np.where(above, low, r)
+            below = value <= y
+            low = np.where(below, r, low)
+            high = np.where(below, high, r)
             step = r - (value - y) / slope
-            r_new = np.where((step > low) & (step < high), step, 0.5 * (low + high))
+            r_new = np.where((step >= low) & (step <= high), step, 0.5 * (low + high))
             r_new = np.where(value == y, r, r_new)
             moved = np.abs(r_new - r) > 1e-16 * np.maximum(r_new, 1e-300)
             r = r_new
@@ -182,11 +186,44 @@ def invert_radial(g: Callable[[Float], tuple[Float, Float]], y: Float, limit: fl
     return np.where(solvable, r, np.nan)
 
 
+def invert_radial_compiled(y: Float, a: Float, b: Float, limit: float, *, of_angle: bool = False) -> Float:
+    """Return x = y r / |y| with r (1 + a₁ s + a₂ s² + …) / (1 + b₁ s + …) = |y|, s = r², from a kernel.
+
+    Parameters
+    ----------
+    y : ndarray of shape (N, 2)
+        Points to take back.
+    a : ndarray of at most 4 numbers
+        Coefficients of the numerator.
+    b : ndarray of 3 numbers
+        Coefficients of the denominator.
+    limit : float
+        End of the rising branch; may be infinite.
+    of_angle : bool
+        Whether r is the angle from the axis, whose tangent is |x|.
+
+    Returns
+    -------
+    ndarray of shape (N, 2)
+        NaN where |y| is beyond the rising branch.
+    """
+    from stereocal.camera.distortion_inverse_kernels import invert_radial_kernel
+
+    numerator = np.zeros(4)
+    numerator[: len(a)] = a
+    x = np.empty(y.shape)
+    invert_radial_kernel(np.ascontiguousarray(y), numerator, np.ascontiguousarray(b), limit, of_angle, x)
+    return x
+
+
 def first_turning_point(coefficients: Float) -> float:
-    """Return the smallest positive root s of c₀ + c₁ s + c₂ s² + … (c₀ > 0), or infinity if there is none."""
-    c = np.trim_zeros(np.asarray(coefficients, dtype=np.float64), "b")
-    if len(c) < 2:
-        return np.inf
-    roots = np.roots(c[::-1])
-    real = roots[(np.abs(roots.imag) <= 1e-9 * np.abs(roots)) & (roots.real > 0)].real
-    return float(real.min()) if len(real) else np.inf
+    """Return the smallest positive root s of c₀ + c₁ s + c₂ s² + … (c₀ > 0), or infinity if there is none.
+
+    Notes
+    -----
+    With w = 1/s the equation is c₀ wⁿ + c₁ wⁿ⁻¹ + … = 0, and its leading coefficient is one that does not vanish:
+    a coefficient of 1e-300 then moves roots towards w = 0, where it would overflow as a divisor.
+    """
+    w = np.roots(np.asarray(coefficients, dtype=np.float64))
+    real = w[(np.abs(w.imag) <= 1e-9 * np.abs(w)) & (w.real > np.finfo(np.float64).tiny)].real
+    return float(1 / real.max()) if len(real) else np.inf

@@ -19,7 +19,7 @@ import numpy as np
 
 from stereocal.base.checks import Float
 from stereocal.camera.distortion_base import BackwardModel, ForwardModel
-from stereocal.camera.distortion_inverse import first_turning_point, invert_radial
+from stereocal.camera.distortion_inverse import first_turning_point, invert_radial, invert_radial_compiled
 
 
 class Pinhole(ForwardModel):
@@ -60,6 +60,11 @@ class Polynomial(ForwardModel):
     def undistort(self, x_d: Float, k: Float) -> Float:
         """Return x with distort(x, k) = x_d; NaN where r_d is beyond the turning point of r(1 + k1 r² + k2 r⁴)."""
         return _inverse(x_d, k)
+
+    def undistort_compiled(self, x_d: Float, k: Float) -> Float:
+        """Return the same as `undistort`, from a kernel."""
+        limit = np.sqrt(first_turning_point(np.array([1, 3 * k[0], 5 * k[1]])))
+        return invert_radial_compiled(x_d, k, np.zeros(3), float(limit))
 
     def jacobians(self, x: Float, k: Float) -> tuple[Float, Float, Float]:
         """Return x_d, ∂x_d/∂x and ∂x_d/∂k."""

@@ -11,8 +11,9 @@ With X_right = R X_left + T, three steps:
    gives both the same orientation, and shares the warping fairly. With h = R(−ω/2):  R₂ ← h,  R₁ ← hᵀ.
 2. **Lay the baseline on an axis.** In that common frame the baseline is t = h T. Its larger image component, x or y,
    decides between a horizontal and a vertical rig; e is the signed unit vector of that axis, e = ±e_x or ±e_y, the
-   sign that of the component. The smallest rotation that takes t onto e turns about t × e by arccos(|t·e| / ‖t‖):
-   call it w.
+   sign that of the component. The smallest rotation that takes t onto e turns about t × e by the angle between them,
+   whose sine is ‖t × e‖ / ‖t‖ and whose cosine is t·e / ‖t‖ = |t_x| / ‖t‖ (or |t_y| / ‖t‖): call it w. The angle is
+   taken from both, by the two-argument arctangent: near 0 an arccosine alone loses half of the digits.
 3. R₁ = w hᵀ, R₂ = w h, and the new baseline R₂ T = (±‖T‖, 0, 0) (or along y).
 
 The sign in step 2 matters: it keeps the pictures upright whichever camera stands on the left. When the cameras were
@@ -90,7 +91,7 @@ def rectifying_rotations(R: Float, T: Float) -> RectifyingRotations:
     turn = np.cross(t, e)
     sine = float(np.linalg.norm(turn))
     if sine > 0:
-        turn *= np.arccos(min(abs(t[axis]) / length, 1.0)) / sine
+        turn *= np.arctan2(sine, abs(t[axis])) / sine
     w = rotation_matrix(turn)
     R1, R2 = w @ half.T, w @ half
     return RectifyingRotations(R1, R2, axis, float((R2 @ T)[axis]))

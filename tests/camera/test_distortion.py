@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import cv2
 import numpy as np
 import pytest
@@ -125,6 +127,60 @@ def test_beyond_the_turning_point_there_is_no_answer(k1: float, angle: float, r_
         elif r_d < reach * (1 - 1e-6):
             np.testing.assert_allclose(distort_normalized(x, k, name), x_d, atol=1e-11)
             assert np.hypot(*x[0]) < radial_limit(np.array([k1]))
+
+
+@pytest.mark.parametrize("name", ["pinhole", "polynomial", "brown", "rational", "thin_prism", "fisheye"])
+@settings(max_examples=12)
+@given(seeds, st.booleans())
+def test_inverse_kernel_equals_its_reference(name: str, seed: int, radial: bool) -> None:
+    """The same answers, and the same points without one, well beyond the turning point of most lenses."""
+    rng = np.random.default_rng(seed)
+    k = random_lens(name, rng)
+    if radial and name in OPENCV:
+        k[2:4], k[8:] = 0, 0
+    y = rng.uniform(-1.3, 1.3, (60, 2))
+    y[:3] = [[0, 0], [np.nan, 0.1], [np.inf, 0.1]]
+    if name == "pinhole":
+        y = y[:1]
+    x = undistort_normalized(y, k, name)
+    reference = undistort_normalized(y, k, name, backend="numpy")
+    answered = ~np.isnan(reference[:, 0])
+    assert not answered[1:3].any()
+    np.testing.assert_array_equal(~np.isnan(x), np.column_stack([answered, answered]))
+    value, J, _ = MODELS[name].jacobians(x[answered], k)
+    np.testing.assert_allclose(value, y[answered], rtol=0, atol=3e-12)
+    # both end within 1e-12 of y: near the turning point that is more in x, by the inverse of the smallest stretch
+    slack = 1e-12 * np.maximum(1, 1 / np.linalg.svd(J, compute_uv=False)[:, 1:])
+    assert np.all(np.abs(x[answered] - reference[answered]) <= slack)
+
+
+@pytest.mark.parametrize("backend", ["numba", "numpy"])
+@pytest.mark.parametrize("k4", [-0.1, -0.3, -0.5, -0.7, -0.9])
+def test_up_to_a_pole_every_radius_has_its_answer(k4: float, backend: str) -> None:
+    """r / (1 + k4 r²) rises to infinity at r = 1/√−k4: there is no radius without an answer."""
+    y = np.array([[0.1, 0.2], [3.0, 4.0], [300.0, 400.0]])
+    x = undistort_normalized(y, [0, 0, 0, 0, 0, k4], "rational", backend=backend)
+    r_d = np.hypot(*y.T)
+    r = (np.sqrt(1 - 4 * k4 * r_d**2) - 1) / (-2 * k4 * r_d)
+    np.testing.assert_allclose(x, y * (r / r_d)[:, None], rtol=1e-11)
+
+
+@pytest.mark.parametrize("backend", ["numba", "numpy"])
+@pytest.mark.parametrize("tiny", [7e-151, -7e-151, 1e-312, -1e-312, 3e-17, -3e-17])
+def test_a_tiny_coefficient_is_no_coefficient(tiny: float, backend: str) -> None:
+    y = np.array([[0.3, -0.4], [3.0, 4.0], [0.0, 0.0]])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for name, count in (("polynomial", 2), ("brown", 5), ("rational", 8), ("fisheye", 4)):
+            for i in set(range(count)) - ({2, 3} if name in OPENCV else set()):
+                k = np.zeros(count)
+                k[i] = tiny
+                want = np.tan(np.hypot(*y[0])) / 0.5 * y[0] if name == "fisheye" else y[0]
+                x = undistort_normalized(y, k, name, backend=backend)
+                np.testing.assert_allclose(x[0], want, rtol=1e-13)
+                np.testing.assert_array_equal(x[2], 0)
+                if name != "fisheye":
+                    np.testing.assert_allclose(x[1], y[1], rtol=1e-9)
 
 
 def test_opencv_returns_a_wrong_point_where_there_is_none() -> None:

@@ -1,0 +1,173 @@
+# mypy: allow-untyped-defs
+"""Undoing a lens, compiled: the twin of ``distortion_inverse`` for OpenCV's family without tilt, and for the fisheye.
+
+Domain, iteration, tolerances and letters are those of ``distortion_inverse``. There the points go through each step
+together, here every point runs to its end alone, so that an easy point does not wait for a hard one. Both radial
+families are one function of the radius, or of the angle for a fisheye,
+
+    g(r) = r (1 + a₁ s + a₂ s² + a₃ s³ + a₄ s⁴) / (1 + b₁ s + b₂ s² + b₃ s³),   s = r²,
+
+and the general lens is Brown's formula with k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 (``distortion_brown``).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+TOLERANCE = 1e-12
+MAX_NEWTON = 60
+STATIONS = 32
+CONTINUATION_STEPS = 16
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def radial(r, a, b):
+    """Return g(r) and g′(r) = f + 2 s f′."""
+    s = r * r
+    q = 1 + s * (b[0] + s * (b[1] + s * b[2]))
+    f = (1 + s * (a[0] + s * (a[1] + s * (a[2] + s * a[3])))) / q
+    c_s = a[0] + s * (2 * a[1] + s * (3 * a[2] + s * (4 * a[3])))
+    f_s = (c_s - f * (b[0] + s * (2 * b[1] + 3 * b[2] * s))) / q
+    return r * f, f + 2 * s * f_s
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def invert_radial_kernel(y, a, b, limit, of_angle, x):
+    """Write x = y · r / |y| with g(r) = |y|, or y · tan(r) / |y| where r is an angle; NaN beyond the turning point."""
+    end = abs(radial(limit, a, b)[0]) if np.isfinite(limit) else np.inf
+    for i in range(len(y)):
+        length = math.hypot(y[i, 0], y[i, 1])
+        if end <= length or not np.isfinite(length):
+            x[i, 0] = x[i, 1] = np.nan
+            continue
+        low, high = 0.0, limit
+        if not np.isfinite(limit):
+            high = max(length, 1e-300)
+            for _ in range(1100):
+                if not radial(high, a, b)[0] < length:
+                    break
+                high *= 2
+        r = min(length, 0.5 * high)
+        for _ in range(200):
+            value, slope = radial(r, a, b)
+            if value == length:
+                break
+            if value <= length:
+                low = r
+            else:
+                high = r
+            new = r - (value - length) / slope
+            if not (new >= low and new <= high):
+                new = 0.5 * (low + high)
+            moved = abs(new - r) > 1e-16 * max(new, 1e-300)
+            r = new
+            if not moved:
+                break
+        if of_angle:
+            r = math.tan(r)
+        ratio = r / length if length > 0 else 1.0
+        x[i, 0] = y[i, 0] * ratio
+        x[i, 1] = y[i, 1] * ratio
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def brown(u, v, k):
+    """Return x_d and the four entries of ∂x_d/∂x, by rows."""
+    s = u * u + v * v
+    q = 1 + s * (k[5] + s * (k[6] + s * k[7]))
+    f = (1 + s * (k[0] + s * (k[1] + s * k[4]))) / q
+    f_s = (k[0] + s * (2 * k[1] + 3 * k[4] * s) - f * (k[5] + s * (2 * k[6] + 3 * k[7] * s))) / q
+    cross = 2 * u * v * f_s + 2 * k[2] * u + 2 * k[3] * v
+    prism_u, prism_v = k[8] + 2 * k[9] * s, k[10] + 2 * k[11] * s
+    return (
+        u * f + 2 * k[2] * u * v + k[3] * (s + 2 * u * u) + s * (k[8] + k[9] * s),
+        v * f + k[2] * (s + 2 * v * v) + 2 * k[3] * u * v + s * (k[10] + k[11] * s),
+        f + 2 * u * u * f_s + 2 * k[2] * v + 6 * k[3] * u + 2 * u * prism_u,
+        cross + 2 * v * prism_u,
+        cross + 2 * u * prism_v,
+        f + 2 * v * v * f_s + 6 * k[2] * v + 2 * k[3] * u + 2 * v * prism_v,
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def newton(y0, y1, u, v, k):
+    """Damped Newton from (u, v); return where it ended and whether f = y there, with det > 0."""
+    f0, f1, a, b, c, d = brown(u, v, k)
+    for _ in range(8):  # a start outside of the domain is drawn to the centre, where every lens is nearly ideal
+        if a * d - b * c > 0:
+            break
+        u, v = 0.5 * u, 0.5 * v
+        f0, f1, a, b, c, d = brown(u, v, k)
+    size = max(1.0, math.hypot(y0, y1))
+    error = math.hypot(f0 - y0, f1 - y1)
+    for _ in range(MAX_NEWTON):
+        if not error > 1e-15 * size:
+            break
+        determinant = a * d - b * c
+        r0, r1 = f0 - y0, f1 - y1
+        h0, h1 = -(d * r0 - b * r1) / determinant, -(a * r1 - c * r0) / determinant
+        accepted = False
+        for _ in range(24):
+            g0, g1, a_there, b_there, c_there, d_there = brown(u + h0, v + h1, k)
+            there = math.hypot(g0 - y0, g1 - y1)
+            if there < error and a_there * d_there - b_there * c_there > 0:
+                accepted = True
+                break
+            if not error > TOLERANCE * size:  # nothing left to win but rounding
+                break
+            h0, h1 = 0.5 * h0, 0.5 * h1
+        if not accepted:
+            break
+        u, v, error = u + h0, v + h1, there
+        f0, f1, a, b, c, d = g0, g1, a_there, b_there, c_there, d_there
+    return u, v, error <= TOLERANCE * size and a * d - b * c > 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def keeps_orientation(u, v, k):
+    """Whether det ∂f/∂x > 0 at the stations from the centre to (u, v)."""
+    for i in range(1, STATIONS + 1):
+        t = i / STATIONS
+        _, _, a, b, c, d = brown(t * u, t * v, k)
+        if not a * d - b * c > 0:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def safe_radius(reach, k):
+    """Radius of the disc about the centre, at most `reach`, in which a polar survey finds det > 0 everywhere."""
+    for ring in range(1, 129):
+        for i in range(64):
+            angle = i * (2 * np.pi / 64)
+            radius = reach * ring / 128
+            _, _, a, b, c, d = brown(radius * math.cos(angle), radius * math.sin(angle), k)
+            if not a * d - b * c > 0:
+                return radius - reach / 64
+    return reach
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def invert_brown_kernel(y, k, x):
+    """Write the x with f(x) = y inside the star-shaped domain of f about the centre; NaN where there is none."""
+    good = np.zeros(len(y), dtype=np.bool_)
+    reach = 0.0
+    for i in range(len(y)):
+        x[i, 0], x[i, 1], good[i] = newton(y[i, 0], y[i, 1], y[i, 0], y[i, 1], k)
+        if good[i]:
+            reach = max(reach, math.hypot(x[i, 0], x[i, 1]))
+    safe = safe_radius(reach, k)
+    for i in range(len(y)):
+        if good[i] and (math.hypot(x[i, 0], x[i, 1]) <= safe or keeps_orientation(x[i, 0], x[i, 1], k)):
+            continue
+        u, v, solved = 0.0, 0.0, np.isfinite(y[i, 0]) and np.isfinite(y[i, 1])
+        for step in range(1, CONTINUATION_STEPS + 1):
+            s = step / CONTINUATION_STEPS
+            if solved:
+                u, v, solved = newton(s * y[i, 0], s * y[i, 1], u, v, k)
+        if not (solved and keeps_orientation(u, v, k)):
+            u, v = np.nan, np.nan
+        x[i, 0], x[i, 1] = u, v
