@@ -163,7 +163,7 @@ def invert_radial(g: Callable[[Float], tuple[Float, Float]], y: Float, limit: fl
             # where the branch ends at a pole, g(limit) is enormous, and rounding decides its sign
             solvable = np.isfinite(y) & ~(np.abs(g(high)[0]) <= y)
         else:
-            high = np.maximum(y, 1e-300)
+            high = np.maximum(2 * y, 1e-300)
             for _ in range(1100):
                 short = g(high)[0] < y
                 if not short.any():
@@ -177,7 +177,7 @@ def invert_radial(g: Callable[[Float], tuple[Float, Float]], y: Float, limit: fl
             low = np.where(below, r, low)
             high = np.where(below, high, r)
             step = r - (value - y) / slope
-            r_new = np.where((step >= low) & (step <= high), step, 0.5 * (low + high))
+            r_new = np.where((step > low) & (step < high), step, 0.5 * (low + high))
             r_new = np.where(value == y, r, r_new)
             moved = np.abs(r_new - r) > 1e-16 * np.maximum(r_new, 1e-300)
             r = r_new

@@ -45,7 +45,7 @@ def invert_radial_kernel(y, a, b, limit, of_angle, x):
             continue
         low, high = 0.0, limit
         if not np.isfinite(limit):
-            high = max(length, 1e-300)
+            high = max(2 * length, 1e-300)
             for _ in range(1100):
                 if not radial(high, a, b)[0] < length:
                     break
@@ -60,7 +60,7 @@ def invert_radial_kernel(y, a, b, limit, of_angle, x):
             else:
                 high = r
             new = r - (value - length) / slope
-            if not (new >= low and new <= high):
+            if not (new > low and new < high):
                 new = 0.5 * (low + high)
             moved = abs(new - r) > 1e-16 * max(new, 1e-300)
             r = new
@@ -140,11 +140,12 @@ def keeps_orientation(u, v, k):
 @njit(cache=True, nogil=True, error_model="numpy")
 def safe_radius(reach, k):
     """Radius of the disc about the centre, at most `reach`, in which a polar survey finds det > 0 everywhere."""
+    angles = np.arange(64) * (2 * np.pi / 64)
+    directions_u, directions_v = np.cos(angles), np.sin(angles)
     for ring in range(1, 129):
+        radius = reach * ring / 128
         for i in range(64):
-            angle = i * (2 * np.pi / 64)
-            radius = reach * ring / 128
-            _, _, a, b, c, d = brown(radius * math.cos(angle), radius * math.sin(angle), k)
+            _, _, a, b, c, d = brown(radius * directions_u[i], radius * directions_v[i], k)
             if not a * d - b * c > 0:
                 return radius - reach / 64
     return reach
