@@ -28,9 +28,11 @@ MAX_COLUMNS = 24  # 6 of the pose, 5 of K, 12 of the lens, 1 of the residual
 SCRATCH_ROWS = 24
 
 SUMS = {"reassoc", "contract", "nsz"}  # sums of products may be regrouped: that is what makes them vectors
+# A kernel that only other kernels call needs no entrance for Python, which would take as long to compile again.
+INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=SUMS)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=SUMS, **INNER)
 def rotation_of(w0, w1, w2, R):
     """R = exp([w]ₓ), Rodrigues' formula (``base.rotations``)."""
     theta2 = w0 * w0 + w1 * w1 + w2 * w2
@@ -49,7 +51,7 @@ def rotation_of(w0, w1, w2, R):
     R[1, 2], R[2, 1] = c * w1 * w2 - s * w0, c * w1 * w2 + s * w0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=SUMS)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=SUMS, **INNER)
 def lens_column(column, m, fx, fy, sk, at, tmp, J):
     """Fill one column of θ = fx fy cx cy s, k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4, through A = [[fx, s], [0, fy]].
 
@@ -99,7 +101,7 @@ def lens_column(column, m, fx, fy, sk, at, tmp, J):
             J[at + CHUNK + j] = fy * b
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=SUMS)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=SUMS, **INNER)
 def chunk_jacobian(X, y, first, m, R, t, theta, columns, tmp, J):
     """Fill the rows of J (MAX_COLUMNS × STRIDE, flat) with ∂u, ∂v by ω, δt, θ[columns] and, last, the residual p̃ − y.
 
@@ -176,7 +178,7 @@ def chunk_jacobian(X, y, first, m, R, t, theta, columns, tmp, J):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=SUMS)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=SUMS, **INNER)
 def weigh_chunk(first, m, count, whitening, loss, scale, J):
     """Multiply the rows of a chunk by their whitening and by √w of the loss; return Σρ."""
     if whitening.shape[1] > 0:
@@ -212,7 +214,7 @@ def weigh_chunk(first, m, count, whitening, loss, scale, J):
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def fill_up(count, m, J):
     """Fill the chunk up with zeros to its full width."""
     for i in range(count):
@@ -221,7 +223,7 @@ def fill_up(count, m, J):
             J[i * STRIDE + CHUNK + j] = 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def scatter_block(
     A, n, camera, view, R_c, Rt, columns, target, factor, first_intrinsic, first_rig, AM, U, b, V, b_v, W
 ):
@@ -276,7 +278,7 @@ def scatter_block(
         b[to] += A[last, i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def clear(U, b, V, b_v, W):
     """Set the normal equations to 0."""
     for f in range(len(b)):
@@ -339,7 +341,7 @@ def normal_equations_kernel(
     return cost if np.isfinite(cost) else np.inf
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def cholesky_in_place(A, n):
     """Lower Cholesky factor of the leading n × n of A, in place; return whether A is positive definite."""
     for j in range(n):
@@ -360,23 +362,33 @@ def cholesky_in_place(A, n):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=SUMS)
 def damped_step_kernel(U, b, V, b_v, W, mu, D2, D2_v, dz, dv, S, L, Z):
-    """Solve (A + μD²)(dz, dv) = −(b, b_v) by the Schur complement; return whether it could be done.
+    """Renew the scaling D² and solve (A + μD²)(dz, dv) = −(b, b_v) by the Schur complement.
 
+    Returns the longest move, max |D δ|, or −1 if the equations cannot be solved.
     With V = L Lᵀ and Z = L⁻¹ [Wᵀ b_v], S = U − Σ ZᵀZ. Z (V, 6, F + 1) and L (V, 6, 6) are kept for the way back.
     """
-    F = len(b)
+    F, count = len(b), len(V)
+    for i in range(F):
+        D2[i] = max(D2[i], U[i, i])
+        if D2[i] <= 0:
+            D2[i] = 1.0
+    for v in range(count):
+        for i in range(6):
+            D2_v[v, i] = max(D2_v[v, i], V[v, i, i])
+            if D2_v[v, i] <= 0:
+                D2_v[v, i] = 1.0
     for i in range(F):
         for j in range(F):
             S[i, j] = U[i, j]
         S[i, i] += mu * D2[i]
         S[F, i] = -b[i]  # the right hand side rides along as a last row
-    for v in range(len(V)):
+    for v in range(count):
         for i in range(6):
             for j in range(6):
                 L[v, i, j] = V[v, i, j]
             L[v, i, i] += mu * D2_v[v, i]
-        if not cholesky_in_place(L[v], 6):
-            return False
+        if not cholesky_in_place(L[v], b_v.shape[1]):
+            return -1.0
         for i in range(6):
             inverse = 1 / L[v, i, i]
             for f in range(F):
@@ -397,7 +409,7 @@ def damped_step_kernel(U, b, V, b_v, W, mu, D2, D2_v, dz, dv, S, L, Z):
             for f in range(F):
                 S[F, f] += z * Z[v, i, f]
     if not cholesky_in_place(S, F):
-        return False
+        return -1.0
     for i in range(F):
         total = S[F, i]
         for k in range(i):
@@ -408,7 +420,7 @@ def damped_step_kernel(U, b, V, b_v, W, mu, D2, D2_v, dz, dv, S, L, Z):
         for k in range(i + 1, F):
             total -= S[k, i] * dz[k]
         dz[i] = total / S[i, i]
-    for v in range(len(V)):  # L^T dv = −(Z_b + Z dz)
+    for v in range(count):  # L^T dv = −(Z_b + Z dz)
         for i in range(5, -1, -1):
             total = Z[v, i, F]
             for f in range(F):
@@ -417,7 +429,13 @@ def damped_step_kernel(U, b, V, b_v, W, mu, D2, D2_v, dz, dv, S, L, Z):
             for k in range(i + 1, 6):
                 total -= L[v, k, i] * dv[v, k]
             dv[v, i] = total / L[v, i, i]
-    return True
+    longest = 0.0
+    for i in range(F):
+        longest = max(longest, abs(dz[i]) * math.sqrt(D2[i]))
+    for v in range(count):
+        for i in range(6):
+            longest = max(longest, abs(dv[v, i]) * math.sqrt(D2_v[v, i]))
+    return longest
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -487,34 +505,3 @@ def gradient_norm_kernel(U, b, V, b_v, cost):
             if V[v, i, i] > 0:
                 largest = max(largest, abs(b_v[v, i]) / math.sqrt(V[v, i, i]))
     return largest / math.sqrt(cost) if cost > 0 else 0.0
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def step_kernel(U, b, V, b_v, W, mu, D2, D2_v, S, L, Z, dz, dv, target, factor, first_intrinsics, first_rigs,
-                theta, R_rig, t_rig, R_views, t_views,
-                theta_new, R_rig_new, t_rig_new, R_views_new, t_views_new):  # fmt: skip
-    """Renew the scaling D², solve for the damped step and write the state after it.
-
-    Returns the promised decrease and the longest move, max |D δ|; (−1, 0) if the equations cannot be solved.
-    """
-    F, count = len(b), len(V)
-    for i in range(F):
-        D2[i] = max(D2[i], U[i, i])
-        if D2[i] <= 0:
-            D2[i] = 1.0
-    for v in range(count):
-        for i in range(6):
-            D2_v[v, i] = max(D2_v[v, i], V[v, i, i])
-            if D2_v[v, i] <= 0:
-                D2_v[v, i] = 1.0
-    if not damped_step_kernel(U, b, V, b_v, W, mu, D2, D2_v, dz, dv, S, L, Z):
-        return -1.0, 0.0
-    longest = 0.0
-    for i in range(F):
-        longest = max(longest, abs(dz[i]) * math.sqrt(D2[i]))
-    for v in range(count):
-        for i in range(6):
-            longest = max(longest, abs(dv[v, i]) * math.sqrt(D2_v[v, i]))
-    move_kernel(dz, dv, target, factor, first_intrinsics, first_rigs, theta, R_rig, t_rig, R_views, t_views,
-                theta_new, R_rig_new, t_rig_new, R_views_new, t_views_new)  # fmt: skip
-    return promised_kernel(U, b, V, b_v, W, dz, dv), longest

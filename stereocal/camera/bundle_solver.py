@@ -292,20 +292,12 @@ class CompiledEngine:
     def propose(self, mu: float) -> tuple[float, float, float] | None:
         """Solve (A + μD²) δ = −b and evaluate F at the end of δ."""
         _, _, intrinsics, rigs, target, factor = self._map
-        promised, longest = self._kernels.step_kernel(
-            *self._blocks_here,
-            mu,
-            *self._scaling,
-            *self._work,
-            target,
-            factor,
-            intrinsics,
-            rigs,
-            *self._here,
-            *self._there,
-        )
-        if promised == -1.0:
+        dz, dv = self._work[3:]
+        longest = self._kernels.damped_step_kernel(*self._blocks_here, mu, *self._scaling, dz, dv, *self._work[:3])
+        if longest == -1.0:
             return None
+        promised = self._kernels.promised_kernel(*self._blocks_here, dz, dv)
+        self._kernels.move_kernel(dz, dv, target, factor, intrinsics, rigs, *self._here, *self._there)
         self._cost_there = self._evaluate(self._there, self._blocks_there)
         return promised, longest, self._cost_there
 
