@@ -134,6 +134,7 @@ def calibrate(
     skip_bad: Annotated[bool, Parameter(negative="")] = False,
     max_tilt: float = 60.0,
     board_warp: Literal["flat", "bow", "released", "auto"] = "flat",
+    scene: tuple[Path, Path] | None = None,
     swap: Annotated[bool, Parameter(negative="")] = False,
     output: Output | None = None,
 ) -> None:
@@ -163,6 +164,8 @@ def calibrate(
         Leave out views that see the board more from the side than this (degrees), if ten others remain.
     board_warp : str
         The board's shape as unknown: flat (no), bow, released, or auto (decided by the error on views held out).
+    scene : tuple of Path
+        LEFT RIGHT photographs of an ordinary scene: the report then judges the depth that the rig makes of it.
     swap : bool
         Exchange left and right: the photographs called left are the right camera's.
     """
@@ -184,6 +187,7 @@ def calibrate(
         max_tilt=max_tilt,
         board_warp=board_warp,
         swap=swap,
+        scene=scene,
         progress=Terminal(),
     )
     answer(output, run.as_dict, summarize_calibration(run))

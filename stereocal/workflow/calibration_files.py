@@ -19,6 +19,8 @@ from stereocal.report.quality import QualityReport, evaluate_calibration
 from stereocal.report.style import to_png
 from stereocal.store.calibration_record import OPENCV_MODELS
 from stereocal.store.calibrations import save_calibration
+from stereocal.sweep.disparity_sweep import PAPER_BLOCK_SIZES, SweepTable, sweep_disparity
+from stereocal.workflow.depth_maps import to_eight_bits
 from stereocal.workflow.outputs import StagedFolder
 from stereocal.workflow.progress import Progress
 from stereocal.workflow.rectified_pairs import rectify_for_viewing
@@ -108,7 +110,18 @@ def evaluate_run(run: CalibrationRun) -> QualityReport:
         pairs=pairs,
         images=PairImages(run.pairs),
         unit=run.square.unit or None,
+        scene=run.scene,
+        scene_sweep=_sweep_scene(run),
     )
+
+
+def _sweep_scene(run: CalibrationRun) -> SweepTable | None:
+    """The paper's section 3 on the scene, if there is one; windows end where they no longer fit into the image."""
+    if run.scene is None:
+        return None
+    left, right = to_eight_bits(*rectify_for_viewing(run.fit.calibration.rig).apply(*run.scene))
+    sizes = [size for size in PAPER_BLOCK_SIZES if size < min(left.shape[:2])]
+    return sweep_disparity(left, right, block_sizes=sizes)
 
 
 class PairImages(Sequence[tuple[Any, Any]]):

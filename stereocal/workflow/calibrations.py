@@ -19,9 +19,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from numpy.typing import NDArray
+
 from stereocal.base.errors import DataFileError
 from stereocal.board.chessboard import Chessboard
 from stereocal.report.quality import QualityReport
+from stereocal.store.images import read_image
 from stereocal.workflow.boards import FoundBoard, map_in_order, search_board
 from stereocal.workflow.calibration_files import calibration_document, write_calibration_files
 from stereocal.workflow.outputs import staged_folder
@@ -53,6 +56,8 @@ class CalibrationRun:
         A sentence for each photograph that could not be used at all.
     fit : RigFit
         The joint fit, each camera alone, and the corners that went in.
+    scene : (ndarray, ndarray) or None
+        Photographs of an ordinary scene.
     report : QualityReport
         Its verdicts.
     folder : Path
@@ -69,6 +74,7 @@ class CalibrationRun:
     pairs: tuple[PairRecord, ...]
     skipped: tuple[str, ...]
     fit: RigFit
+    scene: tuple[NDArray[Any], NDArray[Any]] | None = None
     report: QualityReport | None = None
     folder: Path = field(default_factory=Path)
     files: tuple[Path, ...] = ()
@@ -101,6 +107,7 @@ def calibrate_rig(
     max_tilt: float = MAX_TILT,
     board_warp: str = "flat",
     swap: bool = False,
+    scene: tuple[str | os.PathLike[str], str | os.PathLike[str]] | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> CalibrationRun:
@@ -127,6 +134,8 @@ def calibrate_rig(
         Whether the board's shape is an unknown too: flat (no), bow, released, or auto (decided by held-out error).
     swap : bool
         Whether left and right are to be exchanged: the photographs called left were taken by the right camera.
+    scene : (path, path), optional
+        Left and right photograph of an ordinary scene, for the report's last block.
     workers : int, optional
         Threads for the detection.
     progress : Progress, optional
@@ -145,6 +154,7 @@ def calibrate_rig(
     watch = progress or Silent()
     length = square if isinstance(square, Length) else parse_length(square)
     board = Chessboard(inner_corners=parse_inner_corners(inner_corners), square_size=length.value)
+    scene_images = None if scene is None else (read_image(scene[0]), read_image(scene[1]))
     with staged_folder(out) as staged:
         pairs, alone = pair_photographs(left, right)
         if swap:
@@ -163,6 +173,7 @@ def calibrate_rig(
             pairs=tuple(records),
             skipped=tuple(str(problem) for problem in problems),
             fit=fit,
+            scene=scene_images,
             folder=Path(out),
         )
         report = write_calibration_files(run, staged, watch)

@@ -160,6 +160,16 @@ def test_the_boards_shape_can_be_an_unknown(run: Any, photographs: Path, calibra
     assert answer.json["rms"] <= saved["rms"]
 
 
+def test_a_scene_adds_its_block_and_the_papers_sweep(run: Any, photographs: Path, tmp_path: Path) -> None:
+    scene = (photographs / "scene" / "left.png", photographs / "scene" / "right.png")
+    words = ("calibrate", photographs / "left", photographs / "right", *BOARD, "--scene", *scene)
+    assert run(*words, "--out", tmp_path / "o").code == 0
+    figures = {path.name for path in (tmp_path / "o" / "figures").iterdir()}
+    assert {"scene_disparity.png", "scene_rectified.png", "sweep_windows.png", "sweep_speckles.png"} <= figures
+    document = json.loads((tmp_path / "o" / "report.json").read_text())
+    assert any(verdict["block"] == "disparity" for verdict in document["verdicts"])
+
+
 def test_a_pair_without_a_board_is_left_out_with_the_reason(run: Any, copy: Path, tmp_path: Path) -> None:
     scene = Image.open(copy / "scene" / "left.png").convert("L")
     scene.save(copy / "left" / "03.png")
