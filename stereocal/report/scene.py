@@ -130,7 +130,7 @@ def examine_scene(
     -------
     Block
     """
-    rectification = rectify(rig)
+    rectification = rectify(rig, view="common")  # OpenCV's own frame can show mostly ghosts of a wide lens
     pair = rectification.apply(np.asarray(left), np.asarray(right))
     gray = as_gray_pair(*pair)
     disparity, confirmed, asked = match_both(*gray, num_disparities, block_size)
