@@ -8,6 +8,8 @@ becomes of the damping μ, is decided by the gain ratio as in ``base.least_squar
 - step: no coordinate would move by more than 1e-12 of its own scale.
 
 The last two count only while μ is small: a heavily damped step is short and promises little, far from any optimum.
+Where residuals are large, μ may settle above that. If F then ceases to fall by more than rounding, the question is put
+once more with a small μ.
 
 The loop is written once. What it drives is an engine: :class:`NumpyEngine`, the equations of ``bundle`` as they
 stand, for every lens and option; or :class:`CompiledEngine`, their twin in ``bundle_kernels``.
@@ -127,7 +129,7 @@ def solve_bundle(
     compiled = backend == "numba" and has_kernel(bundle)
     engine: BundleEngine = CompiledEngine(bundle, state) if compiled else NumpyEngine(bundle, state)
     mu, nu = initial_damping, 2.0
-    iterations, reason = 0, ""
+    iterations, reason, asked = 0, "", False
     floor = len(bundle.points) * _PERFECT_FIT**2
     while np.isfinite(engine.equations.cost):
         cost = engine.equations.cost
@@ -152,7 +154,9 @@ def solve_bundle(
         if won > 0:
             rho = won / promised if promised > 0 else 1.0
             engine.accept()
-            mu, nu = max(mu * max(0.1, 1 - (2 * rho - 1) ** 3), 1e-16), 2.0
+            mu, nu, asked = max(mu * max(0.1, 1 - (2 * rho - 1) ** 3), 1e-16), 2.0, False
+        elif not asked and mu > _TRUSTED_DAMPING and max(promised, -won) <= _ROUNDING * cost:
+            mu, nu, asked = _TRUSTED_DAMPING, 2.0, True
         else:
             mu, nu = mu * nu, nu * 2
     stopped = reason or ("iterations" if iterations >= max_iterations else "stalled")

@@ -138,7 +138,7 @@ def calibrate_camera(
     priors: Mapping[str, tuple[float, float]] | None = None,
     reject_outliers: bool | float = False,
     board_warp: bool | str = False,
-    max_iterations: int = 200,
+    max_iterations: int = 2000,
     backend: str = "numba",
 ) -> CameraCalibration:
     """Find camera, lens and poses that minimise Σᵢ Σⱼ ‖y_ij − p̃(K, k, Rᵢ, Tᵢ, P_j)‖².

@@ -144,7 +144,7 @@ def calibrate_stereo(
     aspect_ratio: float | None = None,
     right_image_size: tuple[int, int] | None = None,
     board_warp: bool | str = False,
-    max_iterations: int = 200,
+    max_iterations: int = 2000,
     backend: str = "numba",
 ) -> StereoCalibration:
     """Find both cameras, R, T and the poses that minimise the reprojection error in both images.

@@ -129,6 +129,25 @@ def test_zhang_s_published_calibration(data: Path) -> None:
         np.testing.assert_allclose(tvec, view["t"], atol=1e-4)
 
 
+@pytest.mark.parametrize("model", ["rational", "thin_prism"])
+def test_a_flat_valley_is_followed_to_its_end(data: Path, model: str) -> None:
+    """Five views hardly tell twelve coefficients apart: the way is long, its end is an optimum, and it says so."""
+    plane = np.loadtxt(data / "zhang" / "Model.txt").reshape(-1, 2)
+    X = np.column_stack([plane, np.zeros(len(plane))])
+    corners = [np.loadtxt(data / "zhang" / f"data{i}.txt").reshape(-1, 2) for i in range(1, 6)]
+    found = sc.calibrate_camera(X, corners, SIZE, model=model)
+    assert found.converged
+    flags = {"rational": cv2.CALIB_RATIONAL_MODEL, "thin_prism": cv2.CALIB_RATIONAL_MODEL | cv2.CALIB_THIN_PRISM_MODEL}
+    theirs = cv2.calibrateCamera(
+        [X.astype(np.float32)] * 5, [y.astype(np.float32) for y in corners], SIZE, None, None, flags=flags[model],
+        criteria=(cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 300, 1e-15),
+    )[0]  # fmt: skip
+    assert found.rms <= theirs * (1 + 1e-6)  # they see the corners rounded to float32
+    early = sc.calibrate_camera(X, corners, SIZE, model="thin_prism", max_iterations=5)
+    assert not early.converged
+    assert "NOT converged (iterations)" in early.summary()
+
+
 def test_robust_losses_forgive_a_gross_error() -> None:
     X = board()
     corners, _ = mono_views(camera(), X, 10, seed=1, noise=0.1)
