@@ -50,6 +50,15 @@ def rotation_matrix(rvec: ArrayLike) -> Float:
     Notes
     -----
     Answers to ``cv2.Rodrigues`` (agreement 1e-14).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> sc.rotation_matrix([0, 0, np.pi / 2]).round(6) + 0.0
+    array([[ 0., -1.,  0.],
+           [ 1.,  0.,  0.],
+           [ 0.,  0.,  1.]])
     """
     r = as_array(np.ravel(np.asarray(rvec)), (3,), "rvec")
     s, c, _ = _coefficients(float(np.linalg.norm(r)))
@@ -99,6 +108,14 @@ def rotation_vector(R: ArrayLike) -> Float:
     -----
     By way of the unit quaternion, computed from its largest component (Shepperd, 1978): exact near θ = 0 and near
     θ = π, where the textbook's arccos((trace R − 1)/2) loses half the digits.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> R = sc.rotation_matrix([0.1, -0.2, 0.3])
+    >>> sc.rotation_vector(R).round(6)
+    array([ 0.1, -0.2,  0.3])
     """
     m = as_rotation(R)
     trace = float(np.trace(m))

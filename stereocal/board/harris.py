@@ -259,6 +259,15 @@ def harris_corners(
     Notes
     -----
     Paper: [eq 9], [eq 10]; the suppression of pixels beside a maximum is needed but not named there.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> checker = np.kron([[0, 255], [255, 0]], np.ones((8, 8))).astype(np.uint8)
+    >>> u, v, q = sc.harris_corners(checker, threshold=1e-4)[0]
+    >>> bool(abs(u - 7.5) < 1 and abs(v - 7.5) < 1)
+    True
     """
     reach = require_integer(min_distance, "min_distance", minimum=1)
     options = {"block_size": block_size, "aperture": aperture, "k": k, "window": window, "sigma": sigma}

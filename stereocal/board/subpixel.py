@@ -242,6 +242,17 @@ def refine_corners(
     Notes
     -----
     Answers to ``cv2.cornerSubPix``, with a fifth to a half of its error on renders with known truth.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> dark = np.add.outer(np.arange(7), np.arange(8)) % 2
+    >>> image = np.pad(np.kron(230 - 200 * dark, np.ones((30, 30))), 60, constant_values=230).astype(np.uint8)
+    >>> truth = np.array([[89.5 + 30 * i, 89.5 + 30 * j] for j in range(6) for i in range(7)])
+    >>> refined = sc.refine_corners(image, truth + 0.4, (7, 6))
+    >>> bool(abs(refined - truth).max() < 0.01)
+    True
     """
     columns, rows = board.inner_corners if isinstance(board, Chessboard) else as_inner_corners(board)
     points = as_points(corners, 2, "corners")

@@ -192,6 +192,14 @@ def distort_points(points: ArrayLike, K: ArrayLike, dist: ArrayLike | None, *, m
     -----
     Inverse of :func:`undistort_points` with its default frame. OpenCV 5.0's ``cv2.distortPoints`` takes
     normalised points.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    >>> sc.distort_points([[520.0, 240.0]], K, [-0.3, 0.1]).round(4)
+    array([[510.912, 240.   ]])
     """
     matrix = as_camera_matrix(K)
     x = to_normalized(as_points(points, 2, "points", finite=False), matrix)
@@ -234,6 +242,14 @@ def undistort_points(
     -----
     Answers to ``cv2.undistortPoints``, with two differences: without P it returns pixels of K, OpenCV the
     normalised plane; and OpenCV stops after five iterations and returns a wrong point where there is none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    >>> sc.undistort_points([[517.632, 240.0]], K, [-0.3, 0.1, 0, 0]).round(2)
+    array([[527.78, 240.  ]])
     """
     matrix = as_camera_matrix(K)
     x = undistort_normalized(to_normalized(as_points(points, 2, "points", finite=False), matrix), dist, model)

@@ -59,8 +59,20 @@ def fit_homography(src: ArrayLike, dst: ArrayLike, *, refine: bool = True) -> Fl
     DegenerateGeometryError
         If the points of one side lie on one line.
 
-    Notes ----- Answers to ``cv2.findHomography(src, dst, 0)``: equal to 1e-5 relative, all that OpenCV has, which
-    takes the points as float32.
+    Notes
+    -----
+    Answers to ``cv2.findHomography(src, dst, 0)``: equal to 1e-5 relative, all that OpenCV has, which takes the points
+    as float32.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    >>> sc.fit_homography(square, 10 * square + [3, 4]).round(6) + 0.0
+    array([[10.,  0.,  3.],
+           [ 0., 10.,  4.],
+           [ 0.,  0.,  1.]])
     """
     plane = np.asarray(src, dtype=np.float64)
     if plane.ndim >= 2 and plane.shape[-1] == 3:

@@ -79,6 +79,14 @@ def project_points(
     -----
     Paper: [eq 11, 13, 14]. Answers to ``cv2.projectPoints``, derivatives included (agreement 1e-10
     relative), but for points behind the camera, which OpenCV projects as if they stood in front of it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    >>> sc.project_points([[0.1, 0.2, 0.0]], [0, 0, 0], [0, 0, 2.0], K, [-0.3, 0.1]).round(4)
+    array([[344.9066, 289.8133]])
     """
     X = as_points(object_points, 3, "object_points")
     r = as_array(np.ravel(np.asarray(rvec, dtype=np.float64)), (3,), "rvec")

@@ -83,6 +83,17 @@ def remap(
     Answers to ``cv2.remap`` with ``BORDER_CONSTANT``. Bilinear and nearest: equal to OpenCV 5.0 to the last bit for
     uint8, uint16 and float32 (on processors with fused multiply-add, for which OpenCV's kernels are built). OpenCV 4
     rounds the map to 1/32 px: equal to within 1 of 255 where the map holds multiples of 1/32.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> image = np.arange(12, dtype=np.float32).reshape(3, 4)
+    >>> x, y = np.meshgrid(np.arange(3) + 0.5, np.arange(3.0))  # half a pixel to the right
+    >>> sc.remap(image, x, y)
+    array([[ 0.5,  1.5,  2.5],
+           [ 4.5,  5.5,  6.5],
+           [ 8.5,  9.5, 10.5]], dtype=float32)
     """
     source = _as_samples(image)
     mx, my = (np.ascontiguousarray(m, dtype=np.float32) for m in (map_x, map_y))

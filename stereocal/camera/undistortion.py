@@ -129,6 +129,17 @@ def undistortion_maps(
     -----
     Answers to ``cv2.initUndistortRectifyMap`` with ``m1type=CV_32FC1``: equal to the last bit. For the fisheye model
     ``cv2.fisheye.initUndistortRectifyMap`` (1e-4 px).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    >>> x, y = sc.undistortion_maps(K, [-0.3, 0.1, 0, 0], (640, 480))
+    >>> x.shape, x.dtype
+    ((480, 640), dtype('float32'))
+    >>> x[240, [0, 320]].round(2)  # where the edge and the middle are fetched from
+    array([ 33.95, 320.  ], dtype=float32)
     """
     K = as_camera_matrix(K)
     width, height = as_image_size(image_size if out_size is None else out_size)
@@ -195,6 +206,17 @@ def distortion_maps(
     -----
     The inverse of :func:`undistortion_maps` with the same arguments. Answers to ``cv2.initInverseRectificationMap``,
     which undoes the lens in five steps only.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    >>> x, y = sc.distortion_maps(K, [-0.3, 0.1, 0, 0], (640, 480))
+    >>> x.shape, x.dtype
+    ((480, 640), dtype('float32'))
+    >>> x[240, [0, 320]].round(2)  # where the picture's edge and middle come to lie
+    array([-49.53, 320.  ], dtype=float32)
     """
     from stereocal.camera.distortion import undistort_points
 
@@ -282,6 +304,17 @@ def undistort_image(
     Notes
     -----
     Answers to ``cv2.undistort``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    >>> camera = sc.Camera(K, [-0.3, 0.1, 0, 0], (640, 480))
+    >>> image = np.full((480, 640), 200, np.uint8)
+    >>> straight = sc.undistort_image(image, camera)
+    >>> straight.shape, int(straight[240, 320])
+    ((480, 640), 200)
     """
     from stereocal.camera.resampling import remap
 

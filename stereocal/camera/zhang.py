@@ -79,6 +79,20 @@ def zhang_intrinsics(
     Notes
     -----
     OpenCV's ``initCameraMatrix2D`` solves the case of a known principal point only.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    >>> board = sc.Chessboard((7, 6), 25.0)
+    >>> tilts = [(0.4, 0, 0), (-0.4, 0.1, 0), (0, 0.4, 0.1), (0.1, -0.4, 0), (0.3, 0.3, 0.2), (-0.3, 0.3, 0)]
+    >>> camera = sc.Camera(K, None, (640, 480))
+    >>> views = [camera.project(board.object_points, tilt, [-75, -60, 400]) for tilt in tilts]
+    >>> sc.zhang_intrinsics([sc.fit_homography(board.object_points, view) for view in views]).round(3) + 0.0
+    array([[500.,   0., 320.],
+           [  0., 500., 240.],
+           [  0.,   0.,   1.]])
     """
     H = _stack(homographies)
     if skew is None:
@@ -119,6 +133,18 @@ def zhang_pose(K: ArrayLike, H: ArrayLike) -> tuple[Float, Float]:
     ------
     DegenerateGeometryError
         If H has no inverse: the board is seen edge-on.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    >>> H = K @ np.array([[1, 0, -75], [0, 1, -60], [0, 0, 400]])  # a board that faces the camera
+    >>> R, t = sc.zhang_pose(K, H)
+    >>> bool(np.allclose(R, np.eye(3)))
+    True
+    >>> t.round(6)
+    array([-75., -60., 400.])
     """
     matrix, h = as_camera_matrix(K), as_array(H, (3, 3), "H")
     if abs(np.linalg.det(h / np.linalg.norm(h))) < 1e-14:

@@ -91,6 +91,21 @@ def repair_corner_order(
     ------
     InputError
         If the numbers of pairs or of corners do not match.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    >>> board = sc.Chessboard((7, 7), 25.0)
+    >>> tilts = [(0.4, 0, 0), (-0.4, 0.1, 0), (0, 0.4, 0.1), (0.1, -0.4, 0), (0.3, 0.3, 0.2), (-0.3, 0.3, 0)]
+    >>> camera = sc.Camera(K, None, (640, 480))
+    >>> left = [camera.project(board.object_points, tilt, [-75, -75, 400]) for tilt in tilts]
+    >>> right = [camera.project(board.object_points, tilt, [-135, -75, 400]) for tilt in tilts]
+    >>> right[2] = right[2][::-1]  # begun at the other end: a square board looks the same turned round
+    >>> _, mended, flipped = sc.repair_corner_order(board, left, right, (640, 480))
+    >>> flipped
+    [False, False, True, False, False, False]
     """
     size = as_image_size(image_size)
     if len(left_corners) != len(right_corners):

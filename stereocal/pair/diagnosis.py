@@ -157,6 +157,22 @@ def diagnose_pairs(
     ------
     InputError
         If there are fewer than 5 pairs, or their numbers of corners do not match the board.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    >>> board = sc.Chessboard((7, 6), 25.0)
+    >>> tilts = [(0.4, 0, 0), (-0.4, 0.1, 0), (0, 0.4, 0.1), (0.1, -0.4, 0), (0.3, 0.3, 0.2), (-0.3, 0.3, 0)]
+    >>> camera = sc.Camera(K, None, (640, 480))
+    >>> left = [camera.project(board.object_points, tilt, [-75, -60, 400]).round(2) for tilt in tilts]
+    >>> right = [camera.project(board.object_points, tilt, [-135, -60, 400]).round(2) for tilt in tilts]
+    >>> diagnosis = sc.diagnose_pairs(board, left, right, (640, 480))
+    >>> diagnosis.findings
+    []
+    >>> diagnosis.pair_errors.shape
+    (6,)
     """
     size = as_image_size(image_size)
     left = [as_points(c, 2, "left_corners") for c in left_corners]

@@ -89,6 +89,18 @@ def epipolar_lines(points: ArrayLike, F: ArrayLike, *, of: str = "left") -> Floa
     Notes
     -----
     Paper: [eq 20]. Answers to ``cv2.computeCorrespondEpilines`` (agreement 1e-12 up to sign).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    >>> rig = sc.StereoRig(sc.Camera(K, None, (640, 480)), sc.Camera(K, None, (640, 480)), np.eye(3), [-60.0, 0, 0])
+    >>> X = np.random.default_rng(0).uniform([-200, -150, 500], [200, 150, 900], (20, 3))
+    >>> left, right = rig.left.project(X), rig.right.project(X, [0, 0, 0], rig.T)
+    >>> a, b, c = sc.epipolar_lines([[100.0, 50.0]], rig.F)[0]  # in the right picture: y = 50
+    >>> round(float(-c / b), 6)
+    50.0
     """
     matrix = as_array(F, (3, 3), "F")
     require_choice(of, ("left", "right"), "of")
@@ -110,6 +122,18 @@ def epipoles(F: ArrayLike) -> tuple[Float, Float]:
     left, right : ndarray of shape (3,)
         Divide by the last entry for pixels; it is 0 for an epipole at infinity, as in a rectified pair. The sign is
         such that the largest entry is positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    >>> rig = sc.StereoRig(sc.Camera(K, None, (640, 480)), sc.Camera(K, None, (640, 480)), np.eye(3), [-60.0, 0, 0])
+    >>> X = np.random.default_rng(0).uniform([-200, -150, 500], [200, 150, 900], (20, 3))
+    >>> left, right = rig.left.project(X), rig.right.project(X, [0, 0, 0], rig.T)
+    >>> e_left, e_right = sc.epipoles(rig.F)
+    >>> e_left.round(6) + 0.0  # at infinity along x: the pair is rectified
+    array([1., 0., 0.])
     """
     U, _, Vt = np.linalg.svd(as_array(F, (3, 3), "F"))
     left, right = Vt[2], U[:, 2]
@@ -142,6 +166,17 @@ def sampson_distance(left_points: ArrayLike, right_points: ArrayLike, F: ArrayLi
     -----
     First order in the error, about the squared reprojection error of :func:`correct_matches`. Answers to
     ``cv2.sampsonDistance`` (agreement 1e-12).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    >>> rig = sc.StereoRig(sc.Camera(K, None, (640, 480)), sc.Camera(K, None, (640, 480)), np.eye(3), [-60.0, 0, 0])
+    >>> X = np.random.default_rng(0).uniform([-200, -150, 500], [200, 150, 900], (20, 3))
+    >>> left, right = rig.left.project(X), rig.right.project(X, [0, 0, 0], rig.T)
+    >>> sc.sampson_distance(left, right + [0.0, 1.0], rig.F)[:3].round(6)
+    array([0.5, 0.5, 0.5])
     """
     left, right = point_pairs(left_points, right_points)
     c, n, n_left = _constraint(left, right, as_array(F, (3, 3), "F"))
@@ -163,6 +198,17 @@ def symmetric_epipolar_distance(left_points: ArrayLike, right_points: ArrayLike,
     -------
     ndarray of shape (N,)
         Squared pixels; infinite where a point is an epipole and its pair is not on a line.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    >>> rig = sc.StereoRig(sc.Camera(K, None, (640, 480)), sc.Camera(K, None, (640, 480)), np.eye(3), [-60.0, 0, 0])
+    >>> X = np.random.default_rng(0).uniform([-200, -150, 500], [200, 150, 900], (20, 3))
+    >>> left, right = rig.left.project(X), rig.right.project(X, [0, 0, 0], rig.T)
+    >>> sc.symmetric_epipolar_distance(left, right + [0.0, 1.0], rig.F)[:3].round(6)
+    array([2., 2., 2.])
     """
     left, right = point_pairs(left_points, right_points)
     c, n, n_left = _constraint(left, right, as_array(F, (3, 3), "F"))
@@ -190,6 +236,19 @@ def correct_matches(left_points: ArrayLike, right_points: ArrayLike, F: ArrayLik
     -----
     Lindstrom's iteration. Answers to ``cv2.correctMatches``, which solves a polynomial of degree six (agreement
     1e-6 px, and never a larger cost).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    >>> rig = sc.StereoRig(sc.Camera(K, None, (640, 480)), sc.Camera(K, None, (640, 480)), np.eye(3), [-60.0, 0, 0])
+    >>> X = np.random.default_rng(0).uniform([-200, -150, 500], [200, 150, 900], (20, 3))
+    >>> left, right = rig.left.project(X), rig.right.project(X, [0, 0, 0], rig.T)
+    >>> noisy = right + [0.0, 0.5]
+    >>> new_left, new_right = sc.correct_matches(left, noisy, rig.F)
+    >>> (new_right - noisy)[0].round(3) + 0.0  # each side takes half of it
+    array([ 0.  , -0.25])
     """
     left, right = point_pairs(left_points, right_points)
     matrix = as_array(F, (3, 3), "F")

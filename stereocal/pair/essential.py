@@ -101,6 +101,15 @@ def project_to_essential(E: ArrayLike) -> Float:
     Returns
     -------
     ndarray of shape (3, 3)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> sc.project_to_essential(np.diag([3.0, 1.0, 0.5])).round(6) + 0.0
+    array([[1., 0., 0.],
+           [0., 1., 0.],
+           [0., 0., 0.]])
     """
     U, _, Vt = np.linalg.svd(as_array(E, (3, 3), "E"))
     return np.asarray(U[:, :2] @ Vt[:2])
@@ -153,6 +162,18 @@ def fit_essential(
     Notes
     -----
     Paper: [eq 21]. Answers to ``cv2.findEssentialMat``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    >>> rig = sc.StereoRig(sc.Camera(K, None, (640, 480)), sc.Camera(K, None, (640, 480)), np.eye(3), [-60.0, 0, 0])
+    >>> X = np.random.default_rng(0).uniform([-200, -150, 500], [200, 150, 900], (20, 3))
+    >>> left, right = rig.left.project(X), rig.right.project(X, [0, 0, 0], rig.T)
+    >>> E = sc.fit_essential(left, right, K, K)
+    >>> np.linalg.svd(E / np.linalg.norm(E), compute_uv=False).round(6)
+    array([0.707107, 0.707107, 0.      ])
     """
     return fit_essential_detailed(
         left_points,
@@ -200,6 +221,20 @@ def fit_essential_detailed(
     Notes
     -----
     Paper: [eq 21].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    >>> rig = sc.StereoRig(sc.Camera(K, None, (640, 480)), sc.Camera(K, None, (640, 480)), np.eye(3), [-60.0, 0, 0])
+    >>> X = np.random.default_rng(0).uniform([-200, -150, 500], [200, 150, 900], (20, 3))
+    >>> left, right = rig.left.project(X), rig.right.project(X, [0, 0, 0], rig.T)
+    >>> fit = sc.fit_essential_detailed(left, right, K, K)
+    >>> fit.t.round(6) + 0.0
+    array([-1.,  0.,  0.])
+    >>> int(fit.inliers.sum()), bool(fit.rms < 1e-6)
+    (20, True)
     """
     require_choice(method, METHODS, "method")
     minimum = 8 if method == "8point" else 5
@@ -361,6 +396,20 @@ def decompose_essential(E: ArrayLike) -> tuple[Float, Float, Float]:
     Notes
     -----
     Paper: [eq 21]. Answers to ``cv2.decomposeEssentialMat`` (agreement 1e-12 up to exchange and sign).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    >>> rig = sc.StereoRig(sc.Camera(K, None, (640, 480)), sc.Camera(K, None, (640, 480)), np.eye(3), [-60.0, 0, 0])
+    >>> X = np.random.default_rng(0).uniform([-200, -150, 500], [200, 150, 900], (20, 3))
+    >>> left, right = rig.left.project(X), rig.right.project(X, [0, 0, 0], rig.T)
+    >>> R1, R2, t = sc.decompose_essential(rig.E)
+    >>> bool(min(abs(R1 - rig.R).max(), abs(R2 - rig.R).max()) < 1e-9)
+    True
+    >>> abs(t).round(6)
+    array([1., 0., 0.])
     """
     U, _, Vt = np.linalg.svd(as_array(E, (3, 3), "E"))
     U = U if np.linalg.det(U) > 0 else -U
@@ -396,6 +445,20 @@ def recover_pose(
     -----
     Paper: [eq 21]. Answers to ``cv2.recoverPose`` (agreement 1e-9), which besides calls points further than 50
     baselines outliers.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    >>> rig = sc.StereoRig(sc.Camera(K, None, (640, 480)), sc.Camera(K, None, (640, 480)), np.eye(3), [-60.0, 0, 0])
+    >>> X = np.random.default_rng(0).uniform([-200, -150, 500], [200, 150, 900], (20, 3))
+    >>> left, right = rig.left.project(X), rig.right.project(X, [0, 0, 0], rig.T)
+    >>> pose = sc.recover_pose(rig.E, left, right, K, K)
+    >>> pose.t.round(6) + 0.0
+    array([-1.,  0.,  0.])
+    >>> int(pose.inliers.sum())
+    20
     """
     left, right = point_pairs(left_points, right_points, 1)
     first, second = _matrices(K_left, K_right)

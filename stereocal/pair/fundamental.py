@@ -117,6 +117,18 @@ def fit_fundamental(
     Paper: [eq 20]. Answers to ``cv2.findFundamentalMat``: ``8point`` agrees with FM_8POINT to 1e-9 up to scale. On
     1,000 random scenes with 40 % outliers the pose from ``ransac`` is measured against USAC_MAGSAC in
     ``benchmarks/study_two_views.py``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    >>> rig = sc.StereoRig(sc.Camera(K, None, (640, 480)), sc.Camera(K, None, (640, 480)), np.eye(3), [-60.0, 0, 0])
+    >>> X = np.random.default_rng(0).uniform([-200, -150, 500], [200, 150, 900], (20, 3))
+    >>> left, right = rig.left.project(X), rig.right.project(X, [0, 0, 0], rig.T)
+    >>> F = sc.fit_fundamental(left, right)
+    >>> bool(sc.sampson_distance(left, right, F).max() < 1e-6)
+    True
     """
     return fit_fundamental_detailed(
         left_points,
@@ -160,6 +172,19 @@ def fit_fundamental_detailed(
     Notes
     -----
     Paper: [eq 20].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    >>> rig = sc.StereoRig(sc.Camera(K, None, (640, 480)), sc.Camera(K, None, (640, 480)), np.eye(3), [-60.0, 0, 0])
+    >>> X = np.random.default_rng(0).uniform([-200, -150, 500], [200, 150, 900], (20, 3))
+    >>> left, right = rig.left.project(X), rig.right.project(X, [0, 0, 0], rig.T)
+    >>> right[0] += [0, 40]  # a false match
+    >>> fit = sc.fit_fundamental_detailed(left, right, method="ransac")
+    >>> np.flatnonzero(~fit.inliers)
+    array([0])
     """
     left, right = point_pairs(left_points, right_points, 8)
     require_choice(method, METHODS, "method")
@@ -234,6 +259,18 @@ def fundamental_from_seven(left_points: ArrayLike, right_points: ArrayLike) -> F
     Notes
     -----
     Paper: [eq 20]. Answers to ``cv2.findFundamentalMat(..., cv2.FM_7POINT)``, which stacks them as (3n, 3).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    >>> rig = sc.StereoRig(sc.Camera(K, None, (640, 480)), sc.Camera(K, None, (640, 480)), np.eye(3), [-60.0, 0, 0])
+    >>> X = np.random.default_rng(0).uniform([-200, -150, 500], [200, 150, 900], (20, 3))
+    >>> left, right = rig.left.project(X), rig.right.project(X, [0, 0, 0], rig.T)
+    >>> solutions = sc.fundamental_from_seven(left[:7], right[:7])
+    >>> bool(min(sc.sampson_distance(left, right, F).max() for F in solutions) < 1e-6)
+    True
     """
     left, right = point_pairs(left_points, right_points, 7)
     if len(left) != 7:

@@ -241,6 +241,20 @@ def rectify(
     Answers to ``cv2.stereoRectify``: R₁, R₂, P₁, P₂ and Q agree to 1e-9, ROIs are equal, for horizontal and vertical
     rigs and every lens of OpenCV's family; its alpha = −1 is None here. One case is a matter of rounding: at alpha 0
     the sides that decide the zoom fall exactly on the picture's edge, and a ROI of OpenCV's may start one pixel off.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    >>> rig = sc.StereoRig(sc.Camera(K, None, (640, 480)), sc.Camera(K, None, (640, 480)), np.eye(3), [-60.0, 0, 0])
+    >>> X = np.random.default_rng(0).uniform([-200, -150, 500], [200, 150, 900], (20, 3))
+    >>> left, right = rig.left.project(X), rig.right.project(X, [0, 0, 0], rig.T)
+    >>> rectification = sc.rectify(rig)
+    >>> rectification.P2.round(3) + 0.0
+    array([[ 5.0e+02,  0.0e+00,  3.2e+02, -3.0e+04],
+           [ 0.0e+00,  5.0e+02,  2.4e+02,  0.0e+00],
+           [ 0.0e+00,  0.0e+00,  1.0e+00,  0.0e+00]])
     """
     if alpha is not None and not 0 <= alpha <= 1:
         raise InputError(f"alpha must be from 0 (no black pixels) to 1 (no pixel lost), or None, but is {alpha:g}")

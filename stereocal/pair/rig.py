@@ -43,6 +43,15 @@ class StereoRig:
     ------
     InputError
         If R is not a rotation or T is not three finite numbers.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> camera = sc.Camera([[500, 0, 320], [0, 500, 240], [0, 0, 1]], None, (640, 480))
+    >>> rig = sc.StereoRig(camera, camera, np.eye(3), [-60.0, 0, 0])
+    >>> float(rig.baseline)
+    60.0
     """
 
     left: Camera

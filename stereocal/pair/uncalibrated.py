@@ -60,6 +60,19 @@ def rectify_uncalibrated(
     -----
     Paper: [eq 20]. Answers to ``cv2.stereoRectifyUncalibrated``, which rounds the middle to a whole pixel; rows match
     as well (compared by the y distance of points, because the homographies are free along the rows).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    >>> rig = sc.StereoRig(sc.Camera(K, None, (640, 480)), sc.Camera(K, None, (640, 480)), np.eye(3), [-60.0, 0, 0])
+    >>> X = np.random.default_rng(0).uniform([-200, -150, 500], [200, 150, 900], (20, 3))
+    >>> left, right = rig.left.project(X), rig.right.project(X, [0, 0, 0], rig.T)
+    >>> H1, H2 = sc.rectify_uncalibrated(left, right, rig.F, (640, 480))
+    >>> row = [np.c_[points, np.ones(20)] @ H.T for points, H in ((left, H1), (right, H2))]
+    >>> bool(np.allclose(row[0][:, 1] / row[0][:, 2], row[1][:, 1] / row[1][:, 2]))
+    True
     """
     left, right = point_pairs(left_points, right_points, 3)
     width, height = as_image_size(image_size)

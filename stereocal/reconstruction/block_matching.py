@@ -123,6 +123,16 @@ def match_bm(
     Notes
     -----
     Answers to ``cv2.StereoBM.compute``: identical, bit for bit, but for OpenCV's faults listed in the module.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> scene = np.random.default_rng(0).integers(0, 256, (40, 120), dtype=np.uint8)
+    >>> left, right = scene[:, :-4], scene[:, 4:]  # all of it 4 px away
+    >>> disparity = sc.match_bm(left, right, num_disparities=16, block_size=9)
+    >>> float(np.nanmedian(disparity))
+    4.0
     """
     left_gray, right_gray = as_gray_pair(left, right)
     require_choice(backend, ("numba", "numpy"), "backend")

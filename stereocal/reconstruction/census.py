@@ -59,6 +59,15 @@ def census_transform(
     ------
     InputError
         If the image is not uint8, or the window is even or too large.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> image = np.random.default_rng(0).integers(0, 200, (20, 30), dtype=np.uint8)
+    >>> codes = sc.census_transform(image)
+    >>> bool((codes == sc.census_transform(image + 50)).all())  # brightness does not matter
+    True
     """
     require_choice(backend, ("numba", "numpy"), "backend")
     gray = to_gray(as_image(image, channels=(1, 3, 4)))
@@ -176,6 +185,16 @@ def match_census(
     Notes
     -----
     OpenCV has no such matcher in its main modules. The two backends are equal to the bit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> scene = np.random.default_rng(0).integers(0, 256, (40, 120), dtype=np.uint8)
+    >>> left, right = scene[:, :-4], scene[:, 4:]  # all of it 4 px away
+    >>> disparity = sc.match_census(left, right, num_disparities=16)
+    >>> round(float(np.nanmedian(disparity)), 1)
+    4.0
     """
     # These modules build on the codes above, so they are imported only now.
     from stereocal.reconstruction.matching_costs import PixelCost, cost_volume, require_block_fits

@@ -71,6 +71,15 @@ def reprojection_matrix(
     -----
     The Q that ``cv2.stereoRectify`` returns for such a rig (tested equal). With a calibrated rig take the Q of
     :func:`stereocal.rectify`; this one is for data sets that publish f, B and doffs.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> Q = sc.reprojection_matrix(500.0, (320.0, 240.0), 60.0)
+    >>> X = Q @ [320, 240, 30, 1]
+    >>> (X[:3] / X[3]).round(6) + 0.0  # Z = f B / d
+    array([   0.,    0., 1000.])
     """
     f = require_positive(focal_length, "focal_length")
     B = require_positive(baseline, "baseline")
@@ -107,6 +116,16 @@ def disparity_to_points(disparity: ArrayLike, Q: ArrayLike) -> Points:
     -----
     Answers to ``cv2.reprojectImageTo3D``: the same float32 to the last bit wherever there is a disparity (OpenCV gives
     a point, far away, even where there is none).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> Q = sc.reprojection_matrix(500.0, (320.0, 240.0), 60.0)
+    >>> disparity = np.full((480, 640), 30.0, np.float32)
+    >>> points = sc.disparity_to_points(disparity, Q)
+    >>> points[240, 320].round(3) + 0.0
+    array([   0.,    0., 1000.], dtype=float32)
     """
     d, matrix = _disparity_and_q(disparity, Q)
     height, width = d.shape
@@ -145,6 +164,15 @@ def disparity_to_depth(disparity: ArrayLike, Q: ArrayLike) -> Points:
     Notes
     -----
     Answers to ``cv2.reprojectImageTo3D(…)[..., 2]``: the same bits.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> Q = sc.reprojection_matrix(500.0, (320.0, 240.0), 60.0)
+    >>> disparity = np.array([[30.0, 60.0, np.nan]], np.float32)
+    >>> sc.disparity_to_depth(disparity, Q)  # f B / d
+    array([[1000.,  500.,   nan]], dtype=float32)
     """
     d, matrix = _disparity_and_q(disparity, Q)
     Z, W = _depth_and_denominator(d, matrix)
@@ -181,6 +209,14 @@ def sigma_z(disparity: ArrayLike, Q: ArrayLike, *, sigma_d: ArrayLike = 0.25) ->
     -----
     The matcher's part alone: the calibration's uncertainty (focal length, baseline, rotation) adds to it, and a wrong
     match is no matter of σ. To first order, so valid while σ_Z is small beside Z.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> Q = sc.reprojection_matrix(500.0, (320.0, 240.0), 60.0)
+    >>> sc.sigma_z(np.array([[30.0, 60.0]], np.float32), Q, sigma_d=0.3).round(3)  # Z^2 sigma_d / (f B)
+    array([[10. ,  2.5]], dtype=float32)
     """
     d, matrix = _disparity_and_q(disparity, Q)
     sigma = np.asarray(sigma_d, dtype=np.float64)

@@ -86,6 +86,15 @@ def weighted_median(
     ------
     InputError
         If the image is not uint8 or its size is not that of the map, or a parameter is out of its range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> disparity = np.full((9, 9), 5, np.float32)
+    >>> disparity[4, 4] = 50  # a false match
+    >>> float(sc.weighted_median(disparity, np.full((9, 9), 100, np.uint8))[4, 4])
+    5.0
     """
     require_choice(backend, ("numba", "numpy"), "backend")
     d = _as_disparity(disparity)
@@ -157,6 +166,13 @@ def fill_holes(disparity: ArrayLike, *, max_width: int | None = None) -> Dispari
     Notes
     -----
     What is filled in is a guess. Smoothness of the result says nothing about its truth.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> sc.fill_holes(np.array([[5, np.nan, np.nan, 3]], np.float32))  # the farther side goes on
+    array([[5., 3., 3., 3.]], dtype=float32)
     """
     d = _as_disparity(disparity)
     limit = d.shape[1] if max_width is None else require_integer(max_width, "max_width", minimum=1)
@@ -210,6 +226,18 @@ def confidence_map(
     ------
     InputError
         If the images are not a pair of equal uint8 images of the map's size, or a parameter is out of its range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> scene = np.random.default_rng(0).integers(0, 256, (40, 120), dtype=np.uint8)
+    >>> left, right = scene[:, :-4], scene[:, 4:]  # all of it 4 px away
+    >>> disparity = np.full(left.shape, 4, np.float32)
+    >>> disparity[:, :60] = 9  # false on the left half
+    >>> confidence = sc.confidence_map(disparity, left, right, num_disparities=16)
+    >>> bool(np.nanmedian(confidence[:, 20:60]) < np.nanmedian(confidence[:, 60:]))
+    True
     """
     require_choice(cost, COSTS, "cost")
     require_choice(backend, ("numba", "numpy"), "backend")

@@ -92,6 +92,16 @@ def match_sad(
     -----
     Paper: [eq 22]. Answers to ``cv2.absdiff`` and ``cv2.boxFilter(normalize=False)`` at each disparity, then the
     smallest: identical. ``cv2.StereoBM`` is more than that: it is ``match_bm``'s part.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> scene = np.random.default_rng(0).integers(0, 256, (40, 120), dtype=np.uint8)
+    >>> left, right = scene[:, :-4], scene[:, 4:]  # all of it 4 px away
+    >>> disparity = sc.match_sad(left, right, num_disparities=16, block_size=9)
+    >>> float(np.nanmedian(disparity))
+    4.0
     """
     require_choice(backend, ("numba", "numpy"), "backend")
     left_gray, right_gray = as_gray_pair(left, right)

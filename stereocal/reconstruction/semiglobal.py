@@ -152,6 +152,16 @@ def match_sgm(
 
     A blank region takes over the disparity of what surrounds it, however far: that is what the smoothness is for. It
     also fills the black margin of a rectified image, so mask that by where the maps point outside the photograph.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> scene = np.random.default_rng(0).integers(0, 256, (40, 120), dtype=np.uint8)
+    >>> left, right = scene[:, :-4], scene[:, 4:]  # all of it 4 px away
+    >>> disparity = sc.match_sgm(left, right, num_disparities=16)
+    >>> round(float(np.nanmedian(disparity)), 1)
+    4.0
     """
     require_choice(cost, COSTS, "cost")
     require_choice(backend, ("numba", "numpy"), "backend")

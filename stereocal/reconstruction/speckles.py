@@ -75,6 +75,15 @@ def filter_speckles(
     Answers to ``cv2.filterSpeckles(disparity, no_disparity, max_size, max_difference)``: identical on uint8 and int16
     (up to a max_difference of 32767, from where OpenCV's wraps around); on float maps, which OpenCV does not take,
     identical to OpenCV on the same map in sixteenths of a pixel.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> disparity = np.full((5, 6), 8, np.float32)
+    >>> disparity[2, 2:4] = 20  # an island of two pixels
+    >>> sc.filter_speckles(disparity, max_size=2, max_difference=1)[2]
+    array([ 8.,  8., nan, nan,  8.,  8.], dtype=float32)
     """
     max_size = require_integer(max_size, "max_size", minimum=0)
     array, marker = _as_disparity(disparity, no_disparity, max_difference)

@@ -57,6 +57,8 @@ class QualityReport:
     rig : StereoRig
     unit : str
         Of length.
+    extra_pictures : tuple of Picture
+        Pictures of the folder alone, beside those of the blocks.
     """
 
     title: str
@@ -240,8 +242,18 @@ def evaluate_calibration(
 
     Examples
     --------
-    >>> report = evaluate_calibration(calibration, board, left, right)  # doctest: +SKIP
-    >>> report.overall, report.save_html("report.html")  # doctest: +SKIP
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    >>> board = sc.Chessboard((7, 6), 25.0)
+    >>> tilts = [(0.4, 0, 0), (-0.4, 0.1, 0), (0, 0.4, 0.1), (0.1, -0.4, 0), (0.3, 0.3, 0.2), (-0.3, 0.3, 0)]
+    >>> camera = sc.Camera(K, None, (640, 480))
+    >>> left = [camera.project(board.object_points, tilt, [-75, -60, 400]).round(2) for tilt in tilts]
+    >>> right = [camera.project(board.object_points, tilt, [-135, -60, 400]).round(2) for tilt in tilts]
+    >>> found = sc.calibrate_stereo(board.object_points, left, right, (640, 480))
+    >>> report = sc.evaluate_calibration(found, board, left, right, folds=2)
+    >>> report.overall
+    'good'
     """
     size = as_image_size(image_size if image_size is not None else calibration.rig.left.image_size)
     entries = _pair_entries(pairs, len(left_corners))

@@ -87,6 +87,20 @@ def load_calibration(path: str | os.PathLike[str], *, format: str | None = None)
     ------
     DataFileError
         If the file is missing, cut short, hostile, or not a calibration.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> camera = sc.Camera([[500, 0, 320], [0, 500, 240], [0, 0, 1]], None, (640, 480))
+    >>> rig = sc.StereoRig(camera, camera, np.eye(3), [-60.0, 0, 0])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = sc.save_calibration(rig, Path(folder) / "rig.json")
+    ...     again = sc.load_calibration(Path(folder) / "rig.json")
+    >>> again.T
+    array([-60.,   0.,   0.])
     """
     return load_record(path, format=format).calibration
 
@@ -153,6 +167,19 @@ def save_calibration(
         If the format cannot hold this calibration: nothing is dropped.
     DataFileError
         If a file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> camera = sc.Camera([[500, 0, 320], [0, 500, 240], [0, 0, 1]], None, (640, 480))
+    >>> rig = sc.StereoRig(camera, camera, np.eye(3), [-60.0, 0, 0])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     written = sc.save_calibration(rig, Path(folder) / "rig.json", unit="mm")
+    >>> [path.name for path in written]
+    ['rig.json']
     """
     target = Path(path)
     name = _format_for_writing(target, format)

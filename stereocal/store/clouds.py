@@ -51,6 +51,17 @@ def write_ply(path: str | os.PathLike[str], points: ArrayLike, colors: ArrayLike
         If the shapes do not fit each other, or the colours are not uint8.
     DataFileError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> points = np.array([[0, 0, 1000.0], [10, 0, 1000], [np.nan, np.nan, np.nan]])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     sc.write_ply(Path(folder) / "cloud.ply", points)
+    2
     """
     positions = np.asarray(points)
     if positions.dtype.kind not in "fiu" or positions.ndim < 2 or positions.shape[-1] != 3:

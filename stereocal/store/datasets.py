@@ -181,6 +181,17 @@ def load_dataset(name: str, folder: str | os.PathLike[str] | None = None) -> Dat
     ------
     DataFileError
         If it is not there, or files are missing.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import stereocal as sc
+    >>> with tempfile.TemporaryDirectory() as empty:
+    ...     try:
+    ...         sc.load_dataset("teddy", empty)
+    ...     except sc.DataFileError as error:
+    ...         print("not there")
+    not there
     """
     require_choice(name, tuple(DESCRIPTIONS), "name")
     places = [Path(folder)] if folder is not None else _places()

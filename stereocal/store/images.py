@@ -96,6 +96,19 @@ def read_image(
     -----
     Answers to ``cv2.imread(path, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)`` (there B, G, R): identical on PNG, PGM
     and BMP; on JPEG within the ±2 grey levels by which decoders differ.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> from PIL import Image
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     Image.fromarray(np.full((4, 6), 90, np.uint8)).save(Path(folder) / "grey.png")
+    ...     image = sc.read_image(Path(folder) / "grey.png")
+    >>> image.shape, image.dtype, int(image[0, 0])
+    ((4, 6), dtype('uint8'), 90)
     """
     require_choice(orientation, ("exif", "sensor"), "orientation")
     source = _require_file(path)

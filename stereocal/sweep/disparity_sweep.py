@@ -99,6 +99,16 @@ def sweep_disparity(
     Notes
     -----
     Paper: [sec-3]. The counts equal those of ``cv2.StereoBM`` with ``setSpeckleWindowSize``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> scene = np.random.default_rng(0).integers(0, 256, (40, 120), dtype=np.uint8)
+    >>> left, right = scene[:, :-4], scene[:, 4:]  # all of it 4 px away
+    >>> table = sc.sweep_disparity(left, right, block_sizes=(5, 9), speckle_sizes=(0, 20), num_disparities=16)
+    >>> len(table.rows)
+    4
     """
     pair = as_gray_pair(left, right)
     require_choice(method, ("bm", "sad"), "method")

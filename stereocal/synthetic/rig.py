@@ -210,6 +210,13 @@ def render_rig(
     ------
     InputError
         If an argument is out of range, or no pose shows the board to both cameras.
+
+    Examples
+    --------
+    >>> import stereocal as sc
+    >>> synthetic = sc.render_rig(seed=1, pairs=1, image_size=(80, 60), board=sc.Chessboard((4, 3), 40.0), scene=False)
+    >>> synthetic.left_images[0].shape, synthetic.left_corners[0].shape
+    ((60, 80), (12, 2))
     """
     require_integer(pairs, "pairs", minimum=0)
     require_integer(supersampling, "supersampling", minimum=4, maximum=16)
