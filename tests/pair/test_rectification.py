@@ -213,3 +213,28 @@ def test_bad_input_is_refused_in_words() -> None:
         rectify(rig).apply(np.zeros((480, 640), np.uint8), np.zeros((10, 10), np.uint8))
     with pytest.raises(DegenerateGeometryError, match="no part"):
         rectify(simple_rig(R=(0, 1.5, 0)), view="common")
+
+
+@settings(max_examples=25)
+@given(st.floats(-12, -1), seeds)
+def test_a_nearly_rectified_rig_loses_no_digits(exponent: float, seed: int) -> None:
+    """However small the turn, both cameras end in one orientation with the baseline on the axis, to rounding.
+
+    An arccosine near 0, or a rotation vector cut to 0 below 1e-5 rad as ``cv2.Rodrigues`` does, would not do that.
+    """
+    rng = np.random.default_rng(seed)
+    small = 10**exponent
+    rig = simple_rig(R=rng.normal(0, small, 3), T=(-60, *rng.normal(0, 60 * small, 2)))
+    result = rectify(rig, alpha=0)
+    np.testing.assert_allclose(result.R2 @ rig.R @ result.R1.T, np.eye(3), atol=2e-15)
+    np.testing.assert_allclose((result.R2 @ rig.T)[1:] / 60, 0, atol=1e-15)
+
+
+def test_opencv_drops_a_rotation_below_1e_5() -> None:
+    """Turned by 8e-6 rad against each other, OpenCV leaves the cameras so: rows are off by f · 8e-6."""
+    rig = simple_rig(R=(8e-6, 0, 0), T=(-60, 0, 0))
+    K, k = rig.left.K, rig.left.dist
+    R1, R2, *_ = cv2.stereoRectify(K, k, K, k, (640, 480), rig.R, rig.T.reshape(3, 1), alpha=0)
+    theirs = np.abs(R2 @ rig.R @ R1.T - np.eye(3)).max()
+    result = rectify(rig, alpha=0)
+    assert np.abs(result.R2 @ rig.R @ result.R1.T - np.eye(3)).max() < 1e-15 < 7e-6 < theirs
