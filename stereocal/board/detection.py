@@ -2,7 +2,10 @@
 
 The image is halved until it is small, and the search starts there: a board of large squares is found in a thousandth
 of the pixels, blur shrinks to nothing, and noise averages out. If the board is not seen whole, the next finer level
-is tried, up to the image itself (and an image of few pixels is also doubled). At each level:
+is tried, up to the image itself (and an image of few pixels is also doubled). Where glare or ink has parted the squares
+that should touch, no level shows the board: then the dark parts, or the light ones, are grown by a pixel or two, which
+closes the gap from both sides alike and leaves its middle where the corner was, and the levels are tried again. At each
+level:
 
 1. saddles of the brightness that pass the ring test (:mod:`stereocal.board.saddle`);
 2. grids grown from them (:mod:`stereocal.board.grid`);
@@ -92,6 +95,19 @@ def detect_chessboard(image: ArrayLike, board: Chessboard | tuple[int, int]) -> 
     -----
     Answers to ``cv2.findChessboardCornersSB`` and ``cv2.findChessboardCorners`` with ``cv2.cornerSubPix``.
     :func:`detect_chessboard_detailed` says how sure it is, and why a board was not found.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> dark = np.add.outer(np.arange(7), np.arange(8)) % 2
+    >>> image = np.pad(np.kron(230 - 200 * dark, np.ones((30, 30))), 60, constant_values=230).astype(np.uint8)
+    >>> corners = sc.detect_chessboard(image, sc.Chessboard((7, 6)))
+    >>> corners.shape
+    (42, 2)
+    >>> corners[:2].round(1)
+    array([[269.5, 239.5],
+           [239.5, 239.5]])
     """
     return detect_chessboard_detailed(image, board).corners
 
@@ -114,18 +130,32 @@ def detect_chessboard_detailed(image: ArrayLike, board: Chessboard | tuple[int, 
     ------
     InputError
         If the image or the board is not valid.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stereocal as sc
+    >>> dark = np.add.outer(np.arange(7), np.arange(8)) % 2
+    >>> image = np.pad(np.kron(230 - 200 * dark, np.ones((30, 30))), 60, constant_values=230).astype(np.uint8)
+    >>> detection = sc.detect_chessboard_detailed(image, sc.Chessboard((7, 6)))
+    >>> detection.found, detection.corners.shape
+    (True, (42, 2))
+    >>> sc.detect_chessboard_detailed(image, sc.Chessboard((9, 6))).found
+    False
     """
     if not isinstance(board, Chessboard):
         board = Chessboard(board)
     gray = _as_bytes_or_float(to_gray(image))
     best = Detection(False, message="no corner of a chessboard was seen; is the board in the picture, and sharp?")
+    others: list[Detection] = []
     for levels in (_pyramid(gray, board), _closed_pyramid(gray, board)):
         for level, scale in levels:
             attempt = _search_level(level, scale, gray, board)
-            if attempt.found and not _dwarfed(attempt, best):
+            if not attempt.found:
+                others.append(attempt)
+                best = attempt if _progress(attempt) >= _progress(best) else best
+            elif not any(_dwarfed(attempt, other) for other in others):
                 return attempt
-            if not attempt.found and _progress(attempt) >= _progress(best):
-                best = attempt
         if best.other_size and np.prod(best.other_size) > board.corner_count:
             break  # a larger board was seen whole: no part of it is the one asked for
     return best

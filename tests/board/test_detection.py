@@ -89,6 +89,15 @@ def test_a_covered_corner_is_not_invented():
     assert "41 of the 42" in found.message
 
 
+@pytest.mark.parametrize("gap", [4, 5])
+def test_squares_parted_by_glare_are_found(gap):
+    image, truth = render(sc.Chessboard((7, 6)), fill=0.8, blur=0.5)
+    parted = cv2.dilate(image, np.ones((gap + 1, gap + 1), np.uint8))
+    corners = sc.detect_chessboard(parted, (7, 6))
+    assert corners is not None
+    assert np.abs(corners - truth).max() < 0.5
+
+
 def test_nothing_is_found_in_nothing():
     rng = np.random.default_rng(0)
     noise = rng.integers(0, 256, (240, 320)).astype(np.uint8)

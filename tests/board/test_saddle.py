@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 from strategies import seeds
 
 from stereocal.board.saddle import saddle_candidates, saddle_response
-from stereocal.board.saddle_kernels import double, halve, saddle_maxima
+from stereocal.board.saddle_kernels import double, halve, saddle_maxima, spread_darkest
 
 
 @settings(max_examples=20)
@@ -92,3 +94,13 @@ def test_edges_corners_and_discs_are_not_crossings():
     disc = np.where(np.hypot(x - 30, y - 30) < 9, 40.0, 200.0)
     for image in (edge, corner, disc):
         assert len(saddle_candidates(*saddle_response(image.astype(np.float32)))[0]) == 0
+
+
+@pytest.mark.parametrize(("tone", "theirs"), [(1, cv2.erode), (-1, cv2.dilate)])
+def test_grown_tones_are_least_and_largest_of_nine(tone, theirs):
+    image = np.random.default_rng(3).integers(0, 256, (31, 47)).astype(np.uint8)
+    out = np.empty(image.shape, np.float32)
+    spread_darkest(image, tone, out)
+    np.testing.assert_array_equal(out, theirs(image, np.ones((3, 3), np.uint8)))
+    reference = ndimage.minimum_filter if tone > 0 else ndimage.maximum_filter
+    np.testing.assert_array_equal(out, reference(image, 3, mode="nearest"))
