@@ -89,7 +89,7 @@ def test_a_covered_corner_is_not_invented():
     assert "41 of the 42" in found.message
 
 
-@pytest.mark.parametrize("gap", [4, 5])
+@pytest.mark.parametrize("gap", [2, 4])
 def test_squares_parted_by_glare_are_found(gap):
     image, truth = render(sc.Chessboard((7, 6)), fill=0.8, blur=0.5)
     parted = cv2.dilate(image, np.ones((gap + 1, gap + 1), np.uint8))
