@@ -58,7 +58,7 @@ class QualityReport:
     unit : str
         Of length.
     extra_pictures : tuple of Picture
-        Pictures of the folder alone, beside those of the blocks.
+        Pictures that belong to no block: the rig with its boards.
     """
 
     title: str
