@@ -7,7 +7,7 @@ import re
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from strategies import seeds
 
@@ -40,6 +40,14 @@ def draw_rig(seed: int, *, vertical: bool = False, turn: float = 0.05) -> Stereo
     return StereoRig(camera(), camera(), rotation_matrix(random.normal(size=3) * turn), T[[1, 0, 2]] if vertical else T)
 
 
+def _border(camera: Camera) -> np.ndarray:
+    width, height = camera.image_size
+    x, y = np.linspace(0, width - 1, 9), np.linspace(0, height - 1, 9)
+    return np.concatenate([np.column_stack([x, 0 * x + v]) for v in (0, height - 1)] + [
+        np.column_stack([0 * y + u, y]) for u in (0, width - 1)
+    ])  # fmt: skip
+
+
 def opencv(rig: StereoRig, alpha: float | None, zero_disparity: bool, size: tuple[int, int] | None):
     def dist(camera: Camera) -> np.ndarray:
         return camera.dist if len(camera.dist) >= 4 else np.pad(camera.dist, (0, 4 - len(camera.dist)))
@@ -64,6 +72,9 @@ def opencv(rig: StereoRig, alpha: float | None, zero_disparity: bool, size: tupl
 @settings(max_examples=20)
 def test_equals_opencv(alpha, vertical, seed, zero_disparity, size) -> None:
     rig = draw_rig(seed, vertical=vertical)
+    # Where the lens folds over inside the picture OpenCV's five undistortion steps diverge, and with them the frame: its
+    # stereoRectify then contradicts its own undistortPoints (f = 167 instead of 72 px in one such rig at alpha 1).
+    assume(all(np.isfinite(camera.undistort_points(_border(camera))).all() for camera in (rig.left, rig.right)))
     ours = rectify(rig, alpha=alpha, zero_disparity=zero_disparity, image_size=size)
     theirs = opencv(rig, alpha, zero_disparity, size)
     for name, matrix in zip(("R1", "R2", "P1", "P2", "Q"), theirs[:5], strict=True):
