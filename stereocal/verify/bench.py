@@ -128,10 +128,15 @@ def markdown_table(results: Iterable[BenchResult]) -> str:
     """Return results as a Markdown table, one row a case."""
     lines = ["| kernel | case | ours ms | OpenCV ms | ratio | agreement |", "|---|---|---|---|---|---|"]
     lines += [
-        f"| {r.kernel} | {r.case} | {r.ours_ms:.3g} | {r.opencv_ms:.3g} | {r.ratio:.3f} | {r.agreement} |"
+        f"| {r.kernel} | {r.case} | {r.ours_ms:.3g} | {r.opencv_ms:.3g} | {r.ratio:.3f} | {_escaped(r.agreement)} |"
         for r in results
     ]
     return "\n".join(lines)
+
+
+def _escaped(text: str) -> str:
+    """Text that does not end a table's cell."""
+    return text.replace("|", "\\|")
 
 
 def _milliseconds(call: Callable[[], Any]) -> float:

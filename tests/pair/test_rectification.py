@@ -72,8 +72,8 @@ def opencv(rig: StereoRig, alpha: float | None, zero_disparity: bool, size: tupl
 @settings(max_examples=20)
 def test_equals_opencv(alpha, vertical, seed, zero_disparity, size) -> None:
     rig = draw_rig(seed, vertical=vertical)
-    # Where the lens folds over inside the picture OpenCV's five undistortion steps diverge, and with them the frame: its
-    # stereoRectify then contradicts its own undistortPoints (f = 167 instead of 72 px in one such rig at alpha 1).
+    # Where the lens folds over inside the picture OpenCV's five undistortion steps diverge, and the frame with them:
+    # its stereoRectify then contradicts its own undistortPoints (f = 167 instead of 72 px in one such rig at alpha 1).
     assume(all(np.isfinite(camera.undistort_points(_border(camera))).all() for camera in (rig.left, rig.right)))
     ours = rectify(rig, alpha=alpha, zero_disparity=zero_disparity, image_size=size)
     theirs = opencv(rig, alpha, zero_disparity, size)
