@@ -7,6 +7,8 @@
 ``grid``            neighbours, closed cells, growth by local prediction
 ``detection``       the whole way from a picture to the board's corners
 ``subpixel``        fit of a blurred saddle, covariance of each corner
+``saddle_model``    the readable twin of that fit
+``printing``        a target to print, true to scale
 ``*_kernels``       the Numba kernels beside them
 ==================  ===========================================================
 """

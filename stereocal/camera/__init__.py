@@ -13,8 +13,8 @@
 ``distortion_rational_function``    a 3×6 matrix on monomials of degree two
 ``distortion_inverse``              undoing a lens where it can be undone
 ``distortion_inverse_kernels``      the same, compiled
-``homography_kernels``              many at once, compiled
 ``homography``                      the plane's homography, by the direct linear transform
+``homography_kernels``              many at once, compiled
 ``zhang``                           camera matrix and pose from homographies, in closed form
 ``calibration``                     calibrate_camera: from corners to a camera with its uncertainty
 ``initialisation``                  where the iteration starts
@@ -33,6 +33,8 @@
 ``pose``                            poses of a board seen by a known camera
 ``views``                           points as users pass them, in one layout
 ``undistortion``                    maps that straighten an image
+``undistortion_kernels``            the same, compiled
 ``resampling``                      images looked up at fractional places
+``resampling_kernels``              the same, compiled
 ==================================  ==========================================================================
 """
