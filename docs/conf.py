@@ -20,7 +20,14 @@ author = "The stereocal developers"
 copyright = "2026, The stereocal developers"
 version = release = __version__
 
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "sphinx.ext.viewcode", "numpydoc"]
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.mathjax",
+    "sphinx-mathjax-offline",  # formulas are set without a network too
+    "sphinx.ext.viewcode",
+    "numpydoc",
+]
 source_suffix = {".md": "myst-nb", ".ipynb": "myst-nb"}
 exclude_patterns = ["_build", "performance_table.md"]
 nitpicky = False
