@@ -87,8 +87,13 @@ def as_camera_matrix(K: ArrayLike, name: str = "K") -> Float:
 def as_rotation(R: ArrayLike, name: str = "R") -> Float:
     """Return a 3x3 rotation matrix: orthonormal to 1e-6, determinant +1."""
     matrix = as_array(R, (3, 3), name)
-    # plain comparisons: numpy.allclose would cost more than some of the functions that call this
-    if np.abs(matrix @ matrix.T - _IDENTITY).max() > 1e-6 or np.linalg.det(matrix) < 0:
+    # plain comparisons: numpy.allclose would cost more than some of the functions that call this; the first keeps
+    # entries near 1e308 from overflowing the product, whose NaN would pass for a rotation
+    if (
+        np.abs(matrix).max() > 1 + 1e-6
+        or np.abs(matrix @ matrix.T - _IDENTITY).max() > 1e-6
+        or np.linalg.det(matrix) < 0
+    ):
         raise InputError(f"{name} must be a rotation matrix (orthonormal, determinant +1)")
     return matrix
 

@@ -21,6 +21,7 @@ than half a gigabyte is refused.
 
 from __future__ import annotations
 
+import struct
 import zipfile
 import zlib
 from pathlib import Path
@@ -45,6 +46,20 @@ EXTRA: tuple[str, ...] = ()
 MAX_UNPACKED = 512 * 2**20
 """The largest content that is unpacked, bytes."""
 
+# of damaged archives; RuntimeError is zipfile's word for encrypted ones and those of a later version
+_WHAT_NUMPY_RAISES = (
+    ValueError,
+    KeyError,
+    EOFError,
+    SyntaxError,
+    MemoryError,
+    RuntimeError,
+    TypeError,
+    OverflowError,
+    struct.error,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 _LARGEST_MISFIT = 0.01
 _ALPHA = 0.25
 """How much of the photographs' border the paper's code keeps (stereoRectify's alpha)."""
@@ -133,13 +148,15 @@ def _load(path: Path) -> dict[str, Any]:
         with zipfile.ZipFile(path) as archive:
             if sum(item.file_size for item in archive.infolist()) > MAX_UNPACKED:
                 raise DataFileError(path, f"unpacks to more than {MAX_UNPACKED >> 20} MB; it is not read")
+            if any(item.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for item in archive.infolist()):
+                raise DataFileError(path, "is packed in a way that NumPy does not write; it is not read")
         with np.load(path, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
     except DataFileError:
         raise
     except OSError as error:
         raise DataFileError(path, f"cannot be read ({error.strerror or 'cut short'})") from error
-    except (ValueError, KeyError, EOFError, SyntaxError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
+    except _WHAT_NUMPY_RAISES as error:
         raise DataFileError(path, "is no npz of plain arrays, or is cut short; nothing in it was run") from error
 
 

@@ -242,7 +242,10 @@ def matrix_from_entries(rows: Any, columns: Any, kind: Any, data: Any) -> Float:
     if not (isinstance(rows, int) and isinstance(columns, int) and rows >= 0 and columns >= 0):
         raise ValueError("a matrix has no proper rows and cols")
     channels = int(kind[:-1] or "1")
-    numbers = np.array([_as_float(item) for item in (data if isinstance(data, list) else [])], dtype=np.float64)
+    try:
+        numbers = np.array([_as_float(item) for item in (data if isinstance(data, list) else [])], dtype=np.float64)
+    except TypeError as error:
+        raise ValueError(f"a matrix holds what is no number: {error}") from error
     if numbers.size != rows * columns * channels:
         raise ValueError(f"a matrix of {rows}x{columns} holds {numbers.size} numbers")
     return numbers.reshape((rows, columns) if channels == 1 else (rows, columns, channels))
