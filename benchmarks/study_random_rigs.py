@@ -4,7 +4,7 @@ Focal length 0.4 to 4 image widths, k1 from −0.45 to +0.2, 4 to 40 views, boar
 to 60°, corner noise of 0 to 1 px. Every camera is calibrated by stereocal, from a cold start with defaults, and by
 ``cv2.calibrateCamera``, with default criteria and with 300 iterations to 1e-15; the lower of OpenCV's two counts.
 
-    python benchmarks/study_random_rigs.py [--rigs 1000] [--seed 0]
+    python benchmarks/study_random_rigs.py [--rigs 1000] [--first 0] [--seed 0]
 """
 
 from __future__ import annotations
@@ -78,13 +78,14 @@ def main() -> None:
     """Run the study and print where the two part."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--rigs", type=int, default=1000)
+    parser.add_argument("--first", type=int, default=0, help="number of the first rig")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--model", default="brown")
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     above, refused, lower, failed = [], [], 0, []
     seconds = {"ours": 0.0, "opencv": 0.0}
-    for index in range(arguments.rigs):
+    for index in range(arguments.first, arguments.first + arguments.rigs):
         rng = np.random.default_rng([arguments.seed, index])
         camera, X, clean, noise = random_rig(rng)
         # both libraries get the same float32 corners: OpenCV accepts no others

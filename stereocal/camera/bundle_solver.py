@@ -30,8 +30,10 @@ _GRADIENT_TOLERANCE = 1e-10
 _COST_TOLERANCE = 1e-14
 _STEP_TOLERANCE = 1e-12
 _PERFECT_FIT = 1e-9
-# A loss of F smaller than this, where hardly anything was promised, is rounding and not a wrong model.
+# A loss of F smaller than this part of it, where hardly anything was promised, is rounding and not a wrong model.
 _ROUNDING = 1e-11
+# Every residual is the difference of two pixel coordinates and carries this part of them as rounding (some ulps).
+_ROUNDING_OF_PIXELS = 16 * np.finfo(np.float64).eps
 # A step damped more than this says nothing about convergence.
 _TRUSTED_DAMPING = 1e-3
 _HOPELESS_DAMPING = 1e18
@@ -131,6 +133,10 @@ def solve_bundle(
     mu, nu = initial_damping, 2.0
     iterations, reason, asked = 0, "", False
     floor = len(bundle.points) * _PERFECT_FIT**2
+    # rounding e of each residual r changes F by 2Σre, of the size of 2e√F: of exact corners that is more than 1e-11 F
+    rounding_of_r = _ROUNDING_OF_PIXELS * float(np.abs(bundle.measured).max(initial=0.0))
+    if bundle.whitening is not None:
+        rounding_of_r *= float(np.abs(bundle.whitening).max(initial=0.0))
     while np.isfinite(engine.equations.cost):
         cost = engine.equations.cost
         gradient = engine.gradient_norm()
@@ -145,8 +151,9 @@ def solve_bundle(
             continue
         promised, longest, cost_there = trial
         won = cost - cost_there
+        noise = max(_ROUNDING * cost, rounding_of_r * np.sqrt(cost))
         if mu <= _TRUSTED_DAMPING:
-            rounding = won <= 0 and max(promised, -won) <= _ROUNDING * cost
+            rounding = won <= 0 and max(promised, -won) <= noise
             if longest <= _STEP_TOLERANCE * np.sqrt(cost):
                 reason = "step"
             elif promised <= _COST_TOLERANCE * cost or rounding:
@@ -155,7 +162,7 @@ def solve_bundle(
             rho = won / promised if promised > 0 else 1.0
             engine.accept()
             mu, nu, asked = max(mu * max(0.1, 1 - (2 * rho - 1) ** 3), 1e-16), 2.0, False
-        elif not asked and mu > _TRUSTED_DAMPING and max(promised, -won) <= _ROUNDING * cost:
+        elif not asked and mu > _TRUSTED_DAMPING and max(promised, -won) <= noise:
             mu, nu, asked = _TRUSTED_DAMPING, 2.0, True
         else:
             mu, nu = mu * nu, nu * 2
