@@ -37,9 +37,11 @@ SMALL = StereoRig(*(Camera([[50.0, 0, 32], [0, 50, 24], [0, 0, 1]], LENS, (64, 4
 RECTIFIED = rectified_rig((500.0, 500.0), (320.0, 330.0), 240.0, 60.0, (640, 480))
 
 NUMBERS = (
-    "NaN nan .nan .inf Infinity -inf 1e999 -1e999 1e308 -1e308 1e-320 0 -0 -1 0.5 1e5 1e18 99999999999999999999 "
-    "-640 1e3 true null ~ [] {} '' \"\" 1_0 0x10 1:30 [[1]] 2001-01-01 3+4j b'1' ()"
-).split() + ["9" * 5000, "1e" + "9" * 400, "[" * 300, "!!float 1", "&a 1", "*a", "<<", "\u0661", "1\u00a0"]
+    "NaN", "nan", ".nan", ".inf", "Infinity", "-inf", "1e999", "-1e999", "1e308", "-1e308", "1e-320", "0", "-0",
+    "-1", "0.5", "1e5", "1e18", "99999999999999999999", "-640", "1e3", "true", "null", "~", "[]", "{}", "''",
+    "\"\"", "1_0", "0x10", "1:30", "[[1]]", "2001-01-01", "3+4j", "b'1'", "()", "9" * 5000, "1e" + "9" * 400, "[" *
+    300, "!!float 1", "&a 1", "*a", "<<", "\u0661", "1\u00a0",
+)  # fmt: skip
 BYTES = b"0123456789.-+eE[]{}():,;=\"'\n\r\t !&*%#@|><?\x00\x01\x7f\x80\xff\xfe_~/\\"
 ANY_NUMBER = re.compile(rb"-?\d+\.?\d*(?:[eE][-+]?\d+)?")
 
@@ -150,7 +152,7 @@ def check(path: Path, name: str | None) -> str:
             outcome = "FAULT: read a pose that is not finite"
     except (DataFileError, InputError) as error:
         text = str(error)
-        outcome = "FAULT: the sentence has several lines" if "\n" in text or len(text) > 800 else "refused"
+        outcome = f"FAULT: no short sentence: {text!r:.300}" if "\n" in text or len(text) > 800 else "refused"
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt):
             raise

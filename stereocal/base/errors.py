@@ -32,13 +32,14 @@ class DataFileError(StereocalError, ValueError):
     path : str or os.PathLike
         The file; it opens the message.
     problem : str
-        What is wrong and what to do about it.
+        What is wrong and what to do about it; made one line of at most 400 characters, for it may quote the file.
     """
 
     def __init__(self, path: str | os.PathLike[str], problem: str) -> None:
         self.path = os.fspath(path)
-        self.problem = problem
-        super().__init__(f"{self.path}: {problem}")
+        line = " ".join(problem.split())
+        self.problem = line if len(line) <= 400 else f"{line[:300]} … {line[-95:]}"
+        super().__init__(f"{self.path}: {self.problem}")
 
 
 class DegenerateGeometryError(StereocalError, ValueError):

@@ -2,6 +2,7 @@
 
 =======================  ==============================================================================================
 ``images``               photographs: every pixel format taken deliberately, hostile files refused
+``sixteen_bits``         colour of 16 bits a channel: PNG, TIFF, PPM
 ``disparity_files``      disparity maps: PFM, KITTI and Middlebury PNG, OpenCV's int16, NPY
 ``clouds``               point clouds: PLY
 ``calibrations``         calibrations of any tool: load, save, convert; the registry of formats

@@ -126,5 +126,5 @@ def _literal(path: Path) -> Any:
     text = read_text(path).strip()
     try:
         return ast.literal_eval(text)
-    except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError) as error:
+    except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError, OverflowError) as error:
         raise DataFileError(path, "is no Python literal, or is cut short; nothing in it was run") from error

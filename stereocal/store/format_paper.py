@@ -22,6 +22,7 @@ than half a gigabyte is refused.
 from __future__ import annotations
 
 import struct
+import tokenize
 import zipfile
 import zlib
 from pathlib import Path
@@ -57,6 +58,7 @@ _WHAT_NUMPY_RAISES = (
     TypeError,
     OverflowError,
     struct.error,
+    tokenize.TokenError,
     zipfile.BadZipFile,
     zlib.error,
 )

@@ -39,6 +39,7 @@ from stereocal.base.atomic_files import write_whole
 from stereocal.base.checks import as_image, require_choice
 from stereocal.base.errors import DataFileError, InputError
 from stereocal.base.gray import to_gray
+from stereocal.store.sixteen_bits import is_sixteen_bit_colour, read_sixteen_bit_colour, write_sixteen_bit_colour
 
 MAX_PIXELS = 178_956_970
 """The largest picture that is unpacked: half a gigabyte of RGB, Pillow's own limit."""
@@ -158,8 +159,8 @@ def write_image(path: str | os.PathLike[str], image: ArrayLike, *, quality: int 
     ----------
     path : str or os.PathLike
         Where to; the ending says the format: .png, .jpg, .tif, .bmp, .ppm, .pgm, .webp.
-    image : array_like of shape (H, W) or (H, W, 3), uint8; or (H, W), uint16
-        Grey, or R, G, B; uint16 goes into .png, .tif and .pgm only.
+    image : array_like of shape (H, W) or (H, W, 3), uint8 or uint16
+        Grey, or R, G, B; uint16 goes into .png, grey also into .tif and .pgm.
     quality : int
         Of JPEG and WebP.
 
@@ -180,8 +181,10 @@ def write_image(path: str | os.PathLike[str], image: ArrayLike, *, quality: int 
     if suffix not in _FORMAT_OF_SUFFIX:
         raise InputError(f"{path}: write images as {', '.join(_FORMAT_OF_SUFFIX)}, not {suffix or 'without an ending'}")
     if array.dtype == np.uint16:
-        if array.ndim != 2 or suffix not in (".png", ".tif", ".tiff", ".pgm"):
-            raise InputError(f"{path}: 16-bit images are written as grey .png, .tif or .pgm; convert to uint8 first")
+        if suffix not in ((".png", ".tif", ".tiff", ".pgm") if array.ndim == 2 else (".png",)):
+            raise InputError(f"{path}: 16-bit images are written as .png, grey also as .tif or .pgm; convert to uint8")
+        if array.ndim == 3:
+            return write_sixteen_bit_colour(path, array)
     elif array.dtype != np.uint8:
         raise InputError(f"{path}: images are written as uint8 or uint16, not {array.dtype}; scale and round first")
     picture = Image.fromarray(array)
@@ -217,8 +220,8 @@ def _decode(picture: Image.Image, source: Path, orientation: str, max_pixels: in
         raise DataFileError(
             source, f"claims {width}x{height} pixels, more than the {max_pixels} allowed; scale it down"
         )
-    if _is_sixteen_bit_colour(picture):
-        raise DataFileError(source, "has 16 bits a colour channel; save it as 8-bit colour or 16-bit grey")
+    if is_sixteen_bit_colour(picture):
+        return read_sixteen_bit_colour(picture, source, orientation)
     picture.load()
     if orientation == "exif":
         picture = ImageOps.exif_transpose(picture)
@@ -235,17 +238,6 @@ def _decode(picture: Image.Image, source: Path, orientation: str, max_pixels: in
     if mode in ("P", "PA") and np.ptp(colour, axis=2).max() == 0:
         return np.ascontiguousarray(colour[..., 0])
     return colour
-
-
-def _is_sixteen_bit_colour(picture: Image.Image) -> bool:
-    """Whether the decoder is about to keep only the upper byte of each channel: raw mode ``…;16B``, ``…;16L``."""
-    if picture.mode in _SIXTEEN_BIT_MODES or picture.mode in ("I", "F"):
-        return False
-    for tile in getattr(picture, "tile", ()):
-        arguments = tile[3] if isinstance(tile[3], tuple) else (tile[3],)
-        if any(isinstance(argument, str) and ";16" in argument for argument in arguments):
-            return True
-    return False
 
 
 def _narrow(pixels: NDArray[Any], source: Path) -> NDArray[Any]:

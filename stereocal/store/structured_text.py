@@ -8,7 +8,8 @@ Calibration files travel by mail and by forum, so a reader must survive a file m
 - **bombs**: YAML aliases and XML entities let a kilobyte grow to gigabytes ("billion laughs"); both are refused, for no
   calibration needs them;
 - **depth**: ten thousand nested brackets overflow the parser's stack; that is caught and said;
-- **numbers**: NaN and infinity, which JSON does not have and Python accepts, are refused where a number is asked for;
+- **numbers**: NaN and infinity, which JSON does not have and Python accepts, are refused where a number is asked for,
+  and so are numbers whose square overflows;
 - **duplicates**: a key that stands twice makes the file mean two things; refused.
 
 What comes out are dicts, lists, strings and numbers; :class:`Fields` then asks for each by name, shape and type, and
@@ -33,6 +34,9 @@ from stereocal.base.errors import DataFileError
 
 MAX_BYTES = 32 * 2**20
 """The largest calibration file that is read."""
+
+LARGEST = 1e100
+"""The largest number: the square of a larger one may overflow."""
 
 
 def read_bytes(path: str | os.PathLike[str]) -> bytes:
@@ -200,6 +204,8 @@ def as_numbers(value: Any, path: str | os.PathLike[str], name: str) -> Float:
         raise DataFileError(path, f"{name} must be numbers") from error
     if not np.isfinite(array).all():
         raise DataFileError(path, f"{name} holds NaN or infinity")
+    if np.abs(array).max(initial=0) > LARGEST:
+        raise DataFileError(path, f"{name} holds {np.abs(array).max():g}, which no calibration does")
     return array
 
 

@@ -44,12 +44,68 @@ def test_sixteen_bit_grey_keeps_every_bit(tmp_path, suffix):
     np.testing.assert_array_equal(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), image)
 
 
-@pytest.mark.parametrize("suffix", [".png", ".tif"])
-def test_sixteen_bit_colour_is_refused_not_squeezed(tmp_path, suffix):
+@pytest.mark.parametrize(
+    ("suffix", "options", "channels"),
+    [
+        (".png", [], 3),
+        (".png", [], 4),
+        (".tif", [cv2.IMWRITE_TIFF_COMPRESSION, 1], 3),
+        (".tif", [cv2.IMWRITE_TIFF_COMPRESSION, 5], 3),
+        (".tif", [cv2.IMWRITE_TIFF_COMPRESSION, 5], 4),
+        (".ppm", [], 3),
+    ],
+)
+def test_sixteen_bit_colour_keeps_every_bit(tmp_path, suffix, options, channels):
+    image = _random(2, (37, 53, channels), np.uint16)
     path = tmp_path / f"a{suffix}"
-    cv2.imwrite(str(path), _random(2, (6, 5, 3), np.uint16))
-    with pytest.raises(DataFileError, match="16 bits a colour channel"):
+    cv2.imwrite(str(path), image, options)
+    read = read_image(path)
+    assert read.dtype == np.uint16
+    np.testing.assert_array_equal(read, image[..., 2::-1])
+    np.testing.assert_array_equal(read_image(path, gray=True), cv2.cvtColor(image[..., :3], cv2.COLOR_BGR2GRAY))
+
+
+def test_sixteen_bit_colour_is_written_as_opencv_reads_it(tmp_path):
+    image = _random(3, (9, 11, 3), np.uint16)
+    path = write_image(tmp_path / "a.png", image)
+    np.testing.assert_array_equal(cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[..., ::-1], image)
+    np.testing.assert_array_equal(read_image(path), image)
+
+
+def test_sixteen_bit_colour_is_turned_as_its_exif_says(tmp_path):
+    image = _random(4, (5, 8, 3), np.uint16)
+    whole = write_image(tmp_path / "a.png", image).read_bytes()
+    exif = Image.Exif()
+    exif[0x0112] = 6  # seen after a quarter turn clockwise
+    body = b"eXIf" + exif.tobytes().removeprefix(b"Exif\0\0")
+    chunk = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
+    (tmp_path / "b.png").write_bytes(whole[:33] + chunk + whole[33:])
+    np.testing.assert_array_equal(read_image(tmp_path / "b.png"), np.rot90(image, -1))
+    np.testing.assert_array_equal(read_image(tmp_path / "b.png", orientation="sensor"), image)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".ppm"])
+def test_sixteen_bit_colour_cut_short_is_refused(tmp_path, suffix):
+    path = tmp_path / f"a{suffix}"
+    cv2.imwrite(str(path), _random(5, (40, 50, 3), np.uint16))
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    with pytest.raises(DataFileError, match="not an image" if suffix == ".tif" else "cut short"):
+        read_image(path)  # a TIFF has its directory at its end
+
+
+def test_sixteen_bit_colour_of_jpeg_2000_is_refused_not_squeezed(tmp_path):
+    path = tmp_path / "a.jp2"
+    cv2.imwrite(str(path), _random(6, (32, 32, 3), np.uint16))
+    with pytest.raises(DataFileError, match="more than 8 bits a colour channel"):
         read_image(path)
+
+
+def test_ppm_of_twelve_bits_fills_the_range(tmp_path):
+    values = np.array([[[0, 4095, 2048], [1, 2, 4094]]], ">u2")
+    (tmp_path / "a.ppm").write_bytes(b"P6\n2 1\n4095\n" + values.tobytes())
+    expected = np.rint(values * (65535 / 4095)).astype(np.uint16)
+    np.testing.assert_array_equal(read_image(tmp_path / "a.ppm"), expected)
 
 
 def test_palette_gives_its_colours_and_a_grey_palette_grey(tmp_path):
@@ -180,7 +236,7 @@ def test_no_mangled_file_escapes_as_anything_but_a_data_file_error(tmp_path_fact
 
 def test_writing_refuses_what_would_lose_range_and_leaves_the_old_file(tmp_path):
     path = write_image(tmp_path / "a.png", np.zeros((2, 2), np.uint8))
-    for bad in (np.zeros((2, 2)), np.zeros((2, 2, 3), np.uint16)):
+    for bad in (np.zeros((2, 2)), np.zeros((2, 2, 3), np.int32)):
         with pytest.raises(InputError):
             write_image(path, bad)
     with pytest.raises(InputError, match=r"not \.xyz"):
