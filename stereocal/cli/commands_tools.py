@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
 
 from stereocal.cli.app import Output, answer, app, usage
 from stereocal.cli.terminal import Terminal
@@ -60,6 +62,8 @@ def convert(
     *,
     to: str | None = None,
     unit: Literal["m", "cm", "mm", "in"] | None = None,
+    refit: Annotated[bool, Parameter(negative="")] = False,
+    camera_pair: Literal["0-1", "2-3"] | None = None,
     output: Output | None = None,
 ) -> None:
     """Convert a calibration between formats, and say what changes its meaning on the way.
@@ -77,11 +81,16 @@ def convert(
         target's ending.
     unit : str
         The unit of the source's lengths, where its file does not say.
+    refit : bool
+        Fit a lens that the target can hold where it cannot hold the given one (Kalibr has no k3), and say how far off
+        it is; without this such a lens is refused.
+    camera_pair : str
+        Of KITTI's four cameras: 0-1 grey (the default), 2-3 in colour.
     """
     from stereocal.cli.summaries import summarize_conversion
     from stereocal.workflow.conversions import run_conversion
 
-    run = run_conversion(source, target, to=to, unit=unit)
+    run = run_conversion(source, target, to=to, unit=unit, refit=refit, camera_pair=camera_pair)
     answer(output, run.as_dict, summarize_conversion(run))
 
 

@@ -7,6 +7,7 @@
 ``clouds``               point clouds: PLY
 ``calibrations``         calibrations of any tool: load, save, convert; the registry of formats
 ``calibration_record``   what stands between two formats: cameras, unit of length, remarks
+``lens_refit``           a lens of fewer parameters for formats that hold no more, and its misfit
 ``structured_text``      JSON, YAML and XML from strangers, parsed as data only
 ``opencv_filestorage``   OpenCV's FileStorage without OpenCV
 ``format_stereocal``     our own calibration.json, lossless

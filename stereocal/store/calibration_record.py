@@ -26,6 +26,8 @@ from stereocal.pair.rig import StereoRig
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
 """Units of length, in metres."""
 
+_ADVICE = "refit=True (convert --refit) fits a lens that it can hold, and says how far off that is"
+
 OPENCV_MODELS = {"pinhole": 0, "brown": 5, "rational": 8, "thin_prism": 12, "tilted": 14}
 """The models of OpenCV's distortion vector and their number of parameters; each begins like the one before."""
 
@@ -95,11 +97,10 @@ def length_in(unit: str, record: CalibrationRecord) -> tuple[float, str]:
                 f"the unit of the baseline {baseline:g} is not known, but this format needs {unit}; name it (mm, m)"
             )
     else:
-        reason = "as stored"
+        reason = ""
     factor = METRES[known] / METRES[unit]
-    if factor == 1:
-        return 1.0, f"The baseline {baseline:g} {known} is written as it is ({reason})."
-    return factor, f"The baseline {baseline:g} {known} ({reason}) is written as {baseline * factor:g} {unit}."
+    said = f"The baseline {baseline:g} {known}{f' ({reason})' if reason else ''} is written as "
+    return factor, said + ("it is." if factor == 1 else f"{baseline * factor:g} {unit}.")
 
 
 def require_unit(unit: str | None) -> str | None:
@@ -118,13 +119,22 @@ def opencv_distortion(camera: Camera, title: str, sizes: tuple[int, ...] = (5, 8
         If the camera's model is not one of OpenCV's polynomial family, or needs more parameters than the format has.
     """
     if camera.model not in (*OPENCV_MODELS, "polynomial"):
-        raise InputError(f"{title} cannot hold the distortion model {camera.model}; recalibrate with --model brown")
+        raise InputError(f"{title} cannot hold the distortion model {camera.model}; {_ADVICE}")
     dist = camera.dist
-    needed = len(dist) if len(dist) in sizes else int(np.flatnonzero(dist)[-1]) + 1 if dist.any() else 0
+    needed = parameters_needed(camera)
+    if len(dist) in sizes:
+        return dist.copy()
     for size in sizes:
         if size >= needed:
             return np.concatenate([dist[:size], np.zeros(max(0, size - len(dist)))])
-    raise InputError(f"{title} holds at most {sizes[-1]} distortion parameters; this {camera.model} lens has {needed}")
+    raise InputError(
+        f"{title} holds at most {sizes[-1]} distortion parameters; this {camera.model} lens has {needed}; {_ADVICE}"
+    )
+
+
+def parameters_needed(camera: Camera) -> int:
+    """Return how many of its distortion parameters count: those up to the last that is not 0."""
+    return int(np.flatnonzero(camera.dist)[-1]) + 1 if camera.dist.any() else 0
 
 
 def camera_from_opencv(K: Float, dist: Float, image_size: tuple[int, int]) -> Camera:

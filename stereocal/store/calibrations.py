@@ -12,16 +12,15 @@ import importlib
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from stereocal.base.checks import require_choice
 from stereocal.base.errors import DataFileError, InputError
-from stereocal.store.calibration_record import CalibrationRecord, require_unit
+from stereocal.camera.model import Camera
+from stereocal.pair.rig import StereoRig
+from stereocal.store.calibration_record import OPENCV_MODELS, CalibrationRecord, parameters_needed, require_unit
+from stereocal.store.lens_refit import refit_lens
 from stereocal.store.structured_text import read_bytes
-
-if TYPE_CHECKING:
-    from stereocal.camera.model import Camera
-    from stereocal.pair.rig import StereoRig
 
 
 @dataclass(frozen=True)
@@ -68,7 +67,9 @@ FORMATS: dict[str, CalibrationFormat] = {
 """Every format by its name."""
 
 
-def load_calibration(path: str | os.PathLike[str], *, format: str | None = None) -> StereoRig | Camera:
+def load_calibration(
+    path: str | os.PathLike[str], *, format: str | None = None, camera_pair: str | None = None
+) -> StereoRig | Camera:
     """Load a calibration that any of the known tools wrote.
 
     Parameters
@@ -77,6 +78,8 @@ def load_calibration(path: str | os.PathLike[str], *, format: str | None = None)
         The file, or the folder that holds it.
     format : str, optional
         A name of :data:`FORMATS`; by default the content tells.
+    camera_pair : {"0-1", "2-3"}, optional
+        Of KITTI's four cameras: the grey ones (default) or those in colour.
 
     Returns
     -------
@@ -102,10 +105,12 @@ def load_calibration(path: str | os.PathLike[str], *, format: str | None = None)
     >>> again.T
     array([-60.,   0.,   0.])
     """
-    return load_record(path, format=format).calibration
+    return load_record(path, format=format, camera_pair=camera_pair).calibration
 
 
-def load_record(path: str | os.PathLike[str], *, format: str | None = None) -> CalibrationRecord:
+def load_record(
+    path: str | os.PathLike[str], *, format: str | None = None, camera_pair: str | None = None
+) -> CalibrationRecord:
     """Load a calibration with its unit, the file's further fields, and remarks on what changed meaning.
 
     Parameters
@@ -114,6 +119,8 @@ def load_record(path: str | os.PathLike[str], *, format: str | None = None) -> C
         The file, or the folder that holds it.
     format : str, optional
         A name of :data:`FORMATS`; by default the content tells.
+    camera_pair : {"0-1", "2-3"}, optional
+        Of KITTI's four cameras: the grey ones (default) or those in colour.
 
     Returns
     -------
@@ -128,8 +135,13 @@ def load_record(path: str | os.PathLike[str], *, format: str | None = None) -> C
     name = recognize_format(source) if format is None else require_choice(format, tuple(FORMATS), "format")
     if name == "stereocal" and source.is_dir():
         source = source / "calibration.json"
-    record: CalibrationRecord = _module(name).read(source)
-    return record
+    if camera_pair is None:
+        record: CalibrationRecord = _module(name).read(source)
+        return record
+    if not hasattr(_module(name), "CAMERA_PAIRS"):
+        raise InputError(f"{FORMATS[name].title} holds one pair of cameras; camera_pair is for KITTI's files")
+    of_pair: CalibrationRecord = _module(name).read(source, camera_pair)
+    return of_pair
 
 
 def save_calibration(
@@ -139,6 +151,7 @@ def save_calibration(
     format: str | None = None,
     unit: str | None = None,
     extra: dict[str, Any] | None = None,
+    refit: bool = False,
 ) -> list[Path]:
     """Save a calibration in the format of any of the known tools.
 
@@ -155,6 +168,9 @@ def save_calibration(
     extra : dict, optional
         Further fields (rms, pairs, square_size, covariance …) for formats that can hold them: all of them in our own
         JSON, ``rms`` in OpenCV's.
+    refit : bool
+        Whether a lens that the format cannot hold is fitted by one that it can (:mod:`~stereocal.store.lens_refit`);
+        by default it is refused.
 
     Returns
     -------
@@ -184,12 +200,20 @@ def save_calibration(
     target = Path(path)
     name = _format_for_writing(target, format)
     record = CalibrationRecord(calibration, require_unit(unit), dict(extra or {}))
+    if refit:
+        record, _ = _refitted(record, _module(name))
     files: list[Path] = _module(name).write(record, target)
     return files
 
 
 def convert_calibration(
-    source: str | os.PathLike[str], target: str | os.PathLike[str], *, to: str | None = None, unit: str | None = None
+    source: str | os.PathLike[str],
+    target: str | os.PathLike[str],
+    *,
+    to: str | None = None,
+    unit: str | None = None,
+    refit: bool = False,
+    camera_pair: str | None = None,
 ) -> list[str]:
     """Convert a calibration file, and name what changes meaning on the way.
 
@@ -203,11 +227,16 @@ def convert_calibration(
         A name of :data:`FORMATS`; by default from the target's ending.
     unit : {"m", "cm", "mm", "in"}, optional
         The unit of the source's lengths, where its file does not say.
+    refit : bool
+        Whether a lens that the target cannot hold is fitted by one that it can; by default it is refused.
+    camera_pair : {"0-1", "2-3"}, optional
+        Of KITTI's four cameras: the grey ones (default) or those in colour.
 
     Returns
     -------
     list of str
-        Sentences: units, half pixels, signs, what the target does not hold and what is derived.
+        Sentences: units, half pixels, signs, what the target does not hold and what is derived; of a lens fitted anew,
+        how far it is off.
 
     Raises
     ------
@@ -216,14 +245,17 @@ def convert_calibration(
     DataFileError
         If the source cannot be read or the target cannot be written.
     """
-    record = load_record(source)
+    record = load_record(source, camera_pair=camera_pair)
     if unit is not None:
         if record.unit is not None and record.unit != require_unit(unit):
             raise InputError(f"{source} says that its lengths are in {record.unit}, not {unit}")
         record = replace(record, unit=require_unit(unit))
     name = _format_for_writing(Path(target), to)
     module = _module(name)
-    sentences = [*record.remarks, *module.remarks_on_writing(record)]
+    refits: list[str] = []
+    if refit:
+        record, refits = _refitted(record, module)
+    sentences = [*record.remarks, *refits, *module.remarks_on_writing(record)]
     if record.extra and name != "stereocal":
         left_out = sorted(set(record.extra) - set(module.EXTRA))
         if left_out:
@@ -260,13 +292,18 @@ _MARKS: tuple[tuple[tuple[str, ...], str], ...] = (
     (("opencv_storage",), "opencv"),
     (("opencv-matrix",), "opencv"),
     (("lensmodel", "imagersize"), "mrcal"),
+    (("lens_model", "imagersize"), "mrcal"),
+    (("distortion_model", "imagersize"), "mrcal"),
     (("cam0:", "camera_model"), "kalibr"),
     (("stereo_camera",), "boofcv"),
     (("pinhole_radial_tangential",), "boofcv"),
     (("distortion_model", "camera_matrix"), "ros"),
+    (("rectification_matrix", "projection_matrix"), "ros"),
     (("cam0=", "cam1="), "middlebury"),
     (("RadialDistortion",), "matlab"),
     (("P0:", "P1:"), "kitti"),
+    (("P2:", "P3:"), "kitti"),
+    (("P_rect_0",), "kitti"),
     (("PINHOLE",), "colmap"),
     (("OPENCV",), "colmap"),
     (("RADIAL",), "colmap"),
@@ -295,6 +332,27 @@ def _format_for_writing(target: Path, name: str | None) -> str:
         if target.suffix.lower() in each.suffixes:
             return each.name
     raise InputError(f"{target}: the ending does not tell the format; name one of {', '.join(FORMATS)}")
+
+
+def _refitted(record: CalibrationRecord, module: Any) -> tuple[CalibrationRecord, list[str]]:
+    """Replace each lens that the format of `module` cannot hold by the nearest that it can, and say how near."""
+    most = getattr(module, "LENS_PARAMETERS", None)
+    if most is None:  # our own JSON holds every lens, rectified pairs hold none
+        return record, []
+    cameras, sentences = [], []
+    sides = ("left camera", "right camera") if record.is_stereo else ("camera",)
+    for side, camera in zip(sides, record.cameras, strict=True):
+        held = module.FISHEYE if camera.model == "fisheye" else camera.model in (*OPENCV_MODELS, "polynomial")
+        if held and (camera.model == "fisheye" or parameters_needed(camera) <= most):
+            cameras.append(camera)
+            continue
+        found = refit_lens(camera, most)
+        cameras.append(found.camera)
+        sentences.append(found.sentence(side, camera))
+    if isinstance(record.calibration, StereoRig):
+        rig = StereoRig(cameras[0], cameras[1], record.calibration.R, record.calibration.T)
+        return replace(record, calibration=rig), sentences
+    return replace(record, calibration=cameras[0]), sentences
 
 
 def _module(name: str) -> Any:

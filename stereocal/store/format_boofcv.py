@@ -31,6 +31,7 @@ from stereocal.store.structured_text import Fields, parse_yaml, read_text, spell
 
 TITLE = "BoofCV YAML"
 EXTRA: tuple[str, ...] = ()
+LENS_PARAMETERS, FISHEYE = 5, False
 
 
 def read(path: Path) -> CalibrationRecord:

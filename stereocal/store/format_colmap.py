@@ -41,6 +41,7 @@ from stereocal.store.structured_text import as_numbers, read_text
 
 TITLE = "COLMAP cameras.txt"
 EXTRA: tuple[str, ...] = ()
+LENS_PARAMETERS, FISHEYE = 8, True
 
 _HALF = 0.5
 _COUNTS = {

@@ -15,8 +15,12 @@
       …
 
 T_cn_cnm1 = [R T; 0 1] is the library's own convention X_right = R X_left + T, in metres. ``radtan`` is OpenCV's model
-without k3: a lens with another k3 is refused, because dropping it would move pixels; calibrate it again with k3 held
-at 0. ``equidistant`` is the fisheye model (Kannala–Brandt, four parameters). Kalibr's pinhole has no skew.
+without k3: a lens with a k3 is refused, because dropping it would move pixels (by 100 at the corners of a wide
+webcam's image). Asked to (``refit=True``, ``convert --refit``), the best lens of four parameters is fitted over the
+image, and its misfit is said (:mod:`~stereocal.store.lens_refit`). ``equidistant`` is the fisheye model
+(Kannala–Brandt, four parameters). Kalibr's pinhole has no skew; its ``omni``, ``ds`` and ``eucm`` cameras are not read.
+The pixel (0, 0) is the first pixel's centre, as here. Entries of the IMU (T_cam_imu, timeshift_cam_imu) are passed
+over.
 
 Source: Kalibr's wiki, *YAML formats*; conventions as in ``aslam_cv``.
 """
@@ -44,6 +48,7 @@ from stereocal.store.structured_text import Fields, parse_yaml, read_text, spell
 
 TITLE = "Kalibr camchain"
 EXTRA: tuple[str, ...] = ()
+LENS_PARAMETERS, FISHEYE = 4, True
 
 
 def read(path: Path) -> CalibrationRecord:

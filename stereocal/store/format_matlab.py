@@ -32,6 +32,7 @@ from stereocal.store.structured_text import Fields, parse_json, read_bytes, read
 
 TITLE = "MATLAB struct"
 EXTRA: tuple[str, ...] = ()
+LENS_PARAMETERS, FISHEYE = 5, False
 
 _UNITS = {"m": "m", "meters": "m", "cm": "cm", "centimeters": "cm", "mm": "mm", "millimeters": "mm", "in": "in"}
 _UNIT_NAMES = {"m": "meters", "cm": "centimeters", "mm": "millimeters", "in": "inches"}

@@ -14,6 +14,9 @@ The pose takes points from a reference frame to the camera's, X_cam = R(r) X_ref
 = t_r − R t_l. A stereo pair is a folder with ``left.cameramodel`` and ``right.cameramodel``, the left one at the
 reference.
 
+Files of mrcal before 1.0 name the lens ``distortion_model`` (DISTORTION_OPENCV8) or ``lens_model``; they are read too.
+Written is the key ``extrinsics``, which every version reads.
+
 The text is parsed as a literal (``ast.literal_eval``), never run. ``valid_intrinsics_region`` and what mrcal keeps
 for its own optimisation are not carried over; a remark says so. Lengths are metres by mrcal's habit, but the file
 does not say.
@@ -44,9 +47,11 @@ from stereocal.store.structured_text import Fields, read_text
 
 TITLE = "mrcal .cameramodel"
 EXTRA: tuple[str, ...] = ()
+LENS_PARAMETERS, FISHEYE = 12, False
 
 _LENSES = {"PINHOLE": 0, "OPENCV4": 4, "OPENCV5": 5, "OPENCV8": 8, "OPENCV12": 12}
-_KNOWN = {"lensmodel", "intrinsics", "extrinsics", "rt_cam_ref", "imagersize"}
+_LENS_NAMES = ("lensmodel", "lens_model", "distortion_model")
+_KNOWN = {*_LENS_NAMES, "intrinsics", "extrinsics", "rt_cam_ref", "imagersize"}
 
 
 def read(path: Path) -> CalibrationRecord:
@@ -107,7 +112,7 @@ def _describe(camera: Camera, pose: Float) -> str:
 
 def _read_camera(path: Path, remarks: list[str]) -> tuple[Camera, Float, Float]:
     fields = Fields(_literal(path), path)
-    lens = fields.text("lensmodel").removeprefix("LENSMODEL_")
+    lens = fields.text(*_LENS_NAMES).removeprefix("LENSMODEL_").removeprefix("DISTORTION_").replace("NONE", "PINHOLE")
     if lens not in _LENSES:
         raise fields.error(f"has the lens model {lens}; {', '.join(_LENSES)} are read")
     numbers = fields.array("intrinsics", size=4 + _LENSES[lens])

@@ -32,6 +32,7 @@ from stereocal.store.structured_text import Fields
 
 TITLE = "OpenCV FileStorage"
 EXTRA = ("rms",)
+LENS_PARAMETERS, FISHEYE = 14, True
 
 _LEFT_K, _RIGHT_K = ("M1", "K1", "cameraMatrix1", "camera_matrix_1"), ("M2", "K2", "cameraMatrix2", "camera_matrix_2")
 _LEFT_D, _RIGHT_D = ("D1", "distCoeffs1", "dist_coeffs_1"), ("D2", "distCoeffs2", "dist_coeffs_2")

@@ -43,6 +43,7 @@ from stereocal.store.calibration_record import CalibrationRecord, opencv_distort
 
 TITLE = "the paper's npz"
 EXTRA: tuple[str, ...] = ()
+LENS_PARAMETERS, FISHEYE = 5, False
 
 MAX_UNPACKED = 512 * 2**20
 """The largest content that is unpacked, bytes."""

@@ -12,7 +12,8 @@ As ``camera_calibration_parsers`` and the calibration tool of ``image_pipeline``
     projection_matrix:       {rows: 3, cols: 4, data: […]}        # P1 or P2, lengths in METRES
 
 ``plumb_bob`` has 5 numbers, ``rational_polynomial`` 8, ``equidistant`` (fisheye) 4. One writer in the field says
-``cols: 5`` whatever follows: the true count is written, and counted when reading.
+``cols: 5`` whatever follows: the true count is written, and counted when reading. A file without ``distortion_model``
+(the first ones had none) is of plumb_bob, as ``camera_calibration_parsers`` takes it.
 
 **The pose is not in the file**, but follows from the rectification: P2[0, 3] = −f B with B in metres, and
 
@@ -20,6 +21,12 @@ As ``camera_calibration_parsers`` and the calibration tool of ``image_pipeline``
 
 because both cameras, turned by R1 and R2, share one orientation and differ by the baseline along x (Bouguet). Written
 with all digits, R and T come back to 1e-11 of the baseline.
+
+Of a fisheye pair R1 and R2 are those of ``cv2.fisheye.stereoRectify`` too; focal length and centre of P1 and P2 are
+ours, the frame that both cameras fill (OpenCV's fisheye frame depends on a ``balance`` and an ``fov_scale`` that ROS
+does not know). Any frame gives back the same R and T.
+
+Source: ``camera_calibration_parsers`` and ``image_pipeline`` of ROS; REP 104, *CameraInfo updates*.
 """
 
 from __future__ import annotations
@@ -46,6 +53,7 @@ from stereocal.store.structured_text import Fields, parse_yaml, read_text, spell
 
 TITLE = "ROS camera_info"
 EXTRA: tuple[str, ...] = ()
+LENS_PARAMETERS, FISHEYE = 8, True
 
 _MODELS = {"plumb_bob": (4, 5), "rational_polynomial": (8,), "equidistant": (4,)}
 
@@ -88,11 +96,9 @@ def write(record: CalibrationRecord, path: Path) -> list[Path]:
         return [write_whole(path, _describe(camera, "camera", np.eye(3), P))]
     rig = record.calibration
     factor, _ = length_in("m", record)
-    if "fisheye" in (rig.left.model, rig.right.model):
-        raise InputError(
-            f"{TITLE} of a fisheye pair needs OpenCV's fisheye rectification, which is not ours; use Kalibr"
-        )
-    view = rectify(StereoRig(rig.left, rig.right, rig.R, rig.T * factor))
+    # cv2.stereoRectify's frame, that of ROS' own calibration tool, is not made for a fisheye's image
+    frame = "common" if "fisheye" in (rig.left.model, rig.right.model) else "opencv"
+    view = rectify(StereoRig(rig.left, rig.right, rig.R, rig.T * factor), view=frame)
     texts = {
         "left.yaml": _describe(rig.left, "left", view.R1, view.P1),
         "right.yaml": _describe(rig.right, "right", view.R2, view.P2),
@@ -154,7 +160,8 @@ def _pair_of(path: Path) -> tuple[Path, Path | None]:
 def _read_camera(path: Path) -> tuple[Camera, Float, Float]:
     fields = Fields(parse_yaml(read_text(path), path), path)
     size = fields.image_size("image_size") if "image_size" in fields else _size(fields)
-    model = fields.text("distortion_model")
+    # without one, ROS' own parser takes plumb_bob: its first files had no such entry
+    model = fields.text("distortion_model") if "distortion_model" in fields else "plumb_bob"
     if model not in _MODELS:
         raise fields.error(f"has the distortion model {model!r}; known are {', '.join(_MODELS)}")
     K = _data(fields, "camera_matrix", (9,)).reshape(3, 3)

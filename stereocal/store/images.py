@@ -33,7 +33,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image, ImageOps, UnidentifiedImageError
+from PIL import Image, ImageFile, ImageOps, UnidentifiedImageError
 
 from stereocal.base.atomic_files import write_whole
 from stereocal.base.checks import as_image, require_choice
@@ -214,7 +214,7 @@ def _require_file(path: str | os.PathLike[str]) -> Path:
     return source
 
 
-def _decode(picture: Image.Image, source: Path, orientation: str, max_pixels: int) -> NDArray[Any]:
+def _decode(picture: ImageFile.ImageFile, source: Path, orientation: str, max_pixels: int) -> NDArray[Any]:
     width, height = picture.size
     if width * height > max_pixels:
         raise DataFileError(
@@ -223,18 +223,17 @@ def _decode(picture: Image.Image, source: Path, orientation: str, max_pixels: in
     if is_sixteen_bit_colour(picture):
         return read_sixteen_bit_colour(picture, source, orientation)
     picture.load()
-    if orientation == "exif":
-        picture = ImageOps.exif_transpose(picture)
-    mode = picture.mode
+    upright: Image.Image = ImageOps.exif_transpose(picture) if orientation == "exif" else picture
+    mode = upright.mode
     if mode in _SIXTEEN_BIT_MODES:
-        return np.ascontiguousarray(np.asarray(picture).astype(np.uint16))
+        return np.ascontiguousarray(np.asarray(upright).astype(np.uint16))
     if mode == "I":
-        return _narrow(np.asarray(picture), source)
+        return _narrow(np.asarray(upright), source)
     if mode == "F":
-        return _require_finite_pixels(np.array(picture, dtype=np.float32), source)
+        return _require_finite_pixels(np.array(upright, dtype=np.float32), source)
     if mode in _GREY_MODES:
-        return np.array(picture.convert("L"))
-    colour = np.array(picture.convert("RGB"))
+        return np.array(upright.convert("L"))
+    colour = np.array(upright.convert("RGB"))
     if mode in ("P", "PA") and np.ptp(colour, axis=2).max() == 0:
         return np.ascontiguousarray(colour[..., 0])
     return colour

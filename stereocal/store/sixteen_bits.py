@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageOps
+from PIL import Image, ImageFile, ImageOps
 
 from stereocal.base.atomic_files import write_whole
 from stereocal.base.errors import DataFileError
@@ -36,12 +36,12 @@ _GREY_MODES = ("I;16", "I;16B", "I;16L", "I;16N", "I", "F")
 _OTHER_ORDER = {"B": "L", "L": "B", "N": "B" if sys.byteorder == "little" else "L"}
 
 
-def is_sixteen_bit_colour(picture: Image.Image) -> bool:
+def is_sixteen_bit_colour(picture: ImageFile.ImageFile) -> bool:
     """Whether Pillow's decoder is about to keep only the upper byte of each channel of an opened picture."""
     if picture.mode in _GREY_MODES:
         return False
-    for tile in getattr(picture, "tile", ()):
-        if tile[0] == "ppm" and picture.mode == "RGB" and tile[3][1] > 255:
+    for tile in picture.tile:
+        if tile[0] == "ppm" and picture.mode == "RGB" and _arguments(tile)[1] > 255:
             return True
         if any(isinstance(argument, str) and ";16" in argument for argument in _arguments(tile)):
             return True
@@ -50,7 +50,7 @@ def is_sixteen_bit_colour(picture: Image.Image) -> bool:
     return False
 
 
-def read_sixteen_bit_colour(picture: Image.Image, source: Path, orientation: str) -> NDArray[np.uint16]:
+def read_sixteen_bit_colour(picture: ImageFile.ImageFile, source: Path, orientation: str) -> NDArray[np.uint16]:
     """Return an opened picture of 16 bits a channel as (H, W, 3) uint16; alpha is dropped.
 
     Raises
@@ -66,7 +66,7 @@ def read_sixteen_bit_colour(picture: Image.Image, source: Path, orientation: str
     with Image.open(source, formats=[picture.format or "PNG"]) as again:
         again.tile = [_in_the_other_order(tile) for tile in again.tile]
         upper, lower = (_bytes_of(each, orientation) for each in (picture, again))
-    return (upper.astype(np.uint16) << 8) | lower
+    return np.asarray((upper.astype(np.uint16) << 8) | lower, dtype=np.uint16)
 
 
 def write_sixteen_bit_colour(path: str | os.PathLike[str], image: NDArray[np.uint16]) -> Path:
@@ -103,7 +103,7 @@ def _bytes_of(picture: Image.Image, orientation: str) -> NDArray[np.uint8]:
     return np.asarray(picture)[..., :3]
 
 
-def _read_ppm(picture: Image.Image, source: Path) -> NDArray[np.uint16]:
+def _read_ppm(picture: ImageFile.ImageFile, source: Path) -> NDArray[np.uint16]:
     """The bare numbers behind the header, big-endian; a maximum below 65535 is scaled up to it, as Pillow does grey."""
     tile = picture.tile[0]
     width, height = picture.size
@@ -112,13 +112,13 @@ def _read_ppm(picture: Image.Image, source: Path) -> NDArray[np.uint16]:
     if len(content) - tile[2] < 2 * count:
         raise DataFileError(source, "is damaged or cut short (PPM without all its pixels); copy it again")
     values = np.frombuffer(content, ">u2", count, tile[2]).reshape(height, width, 3)
-    largest = tile[3][1]
+    largest = int(_arguments(tile)[1])
     if largest == 65535:
         return values.astype(np.uint16)
     return np.minimum(np.rint(values * (65535 / largest)), 65535).astype(np.uint16)
 
 
-def _bits_of_jpeg2000(picture: Image.Image) -> int:
+def _bits_of_jpeg2000(picture: ImageFile.ImageFile) -> int:
     """The bits a channel, from the SIZ marker of the code stream."""
     stream = picture.fp
     if stream is None:

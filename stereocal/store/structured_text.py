@@ -245,7 +245,7 @@ def matrix_from_entries(rows: Any, columns: Any, kind: Any, data: Any) -> Float:
     """
     if not isinstance(kind, str) or not kind or kind[-1] not in "ucwsifdh" or not (kind[:-1] or "1").isdigit():
         raise ValueError(f"a matrix is of an unknown type {kind!r}")
-    if not (isinstance(rows, int) and isinstance(columns, int) and rows >= 0 and columns >= 0):
+    if not (type(rows) is int and type(columns) is int and rows >= 0 and columns >= 0):  # True is an int, too
         raise ValueError("a matrix has no proper rows and cols")
     channels = int(kind[:-1] or "1")
     try:

@@ -40,7 +40,13 @@ class ConversionRun:
 
 
 def run_conversion(
-    source: str | os.PathLike[str], target: str | os.PathLike[str], *, to: str | None = None, unit: str | None = None
+    source: str | os.PathLike[str],
+    target: str | os.PathLike[str],
+    *,
+    to: str | None = None,
+    unit: str | None = None,
+    refit: bool = False,
+    camera_pair: str | None = None,
 ) -> ConversionRun:
     """Convert a calibration file.
 
@@ -54,6 +60,10 @@ def run_conversion(
         The format's name; by default from the target's ending.
     unit : {"m", "cm", "mm", "in"}, optional
         The unit of the source's lengths, where its file does not say.
+    refit : bool
+        Whether a lens that the target cannot hold is fitted by one that it can.
+    camera_pair : {"0-1", "2-3"}, optional
+        Of KITTI's four cameras.
 
     Raises
     ------
@@ -63,5 +73,5 @@ def run_conversion(
         If the source cannot be read, or the target cannot be written.
     """
     found = recognize_format(source)
-    remarks = convert_calibration(source, target, to=to, unit=unit)
+    remarks = convert_calibration(source, target, to=to, unit=unit, refit=refit, camera_pair=camera_pair)
     return ConversionRun(Path(source), Path(target), found, tuple(remarks))

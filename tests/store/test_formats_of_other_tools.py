@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
+
 import cv2
 import numpy as np
 import pytest
+import yaml
 from scipy.io import savemat
 
+from stereocal.base.errors import DataFileError, InputError
 from stereocal.camera.model import Camera
 from stereocal.pair.rig import StereoRig
-from stereocal.store.calibrations import load_calibration, load_record
+from stereocal.store.calibrations import load_calibration, load_record, save_calibration
 
 KALIBR = """\
 cam0:
@@ -124,6 +128,36 @@ def test_kalibr_camchain(tmp_path):
     assert rig.left.image_size == (752, 480)
 
 
+# the example of Kalibr's page on its YAML formats; its second camera is an omnidirectional one
+KALIBR_PAGE = """\
+cam0:
+  camera_model: pinhole
+  intrinsics: [461.629, 460.152, 362.680, 246.049]
+  distortion_model: radtan
+  distortion_coeffs: [-0.27695497, 0.06712482, 0.00087538, 0.00011556]
+  T_cam_imu:
+  - [0.01779318, 0.99967549,-0.01822936, 0.07008565]
+  - [-0.9998017, 0.01795239, 0.00860714,-0.01771023]
+  - [0.00893160, 0.01807260, 0.99979678, 0.00399246]
+  - [0.0, 0.0, 0.0, 1.0]
+  timeshift_cam_imu: -8.121e-05
+  rostopic: /cam0/image_raw
+  resolution: [752, 480]
+"""
+
+
+def test_kalibrs_documented_camera(tmp_path):
+    (tmp_path / "camchain.yaml").write_text(KALIBR_PAGE)
+    camera = load_calibration(tmp_path / "camchain.yaml")
+    assert (camera.fx, camera.fy, camera.cx, camera.cy) == (461.629, 460.152, 362.680, 246.049)
+    assert camera.dist.tolist() == [-0.27695497, 0.06712482, 0.00087538, 0.00011556, 0.0]
+    assert camera.image_size == (752, 480)
+    omni = KALIBR_PAGE.replace("pinhole", "omni").replace("[461.629,", "[0.8, 833.006,")
+    (tmp_path / "camchain.yaml").write_text(omni)
+    with pytest.raises(DataFileError, match="cam0 is omni"):
+        load_calibration(tmp_path / "camchain.yaml")
+
+
 def test_kalibr_equidistant_is_opencvs_fisheye(tmp_path):
     (tmp_path / "c.yaml").write_text(KALIBR)
     camera = load_calibration(tmp_path / "c.yaml").right
@@ -151,6 +185,46 @@ def test_mrcal_newer_key_and_two_poses(tmp_path):
     np.testing.assert_allclose(rig.T, [-0.5, 0, 0], atol=1e-15)
 
 
+# the layout of mrcal's own test data, before its version 1.0
+MRCAL_OLD = """\
+{{
+    '{name}':  '{lens}',
+
+    # intrinsics are fx,fy,cx,cy,distortion0,distortion1,....
+    'intrinsics': [ 1761, 1761, 1965, 1087, -0.02, 0.03, 0.0002, 0.0005, 0.0196, 0.01, -0.05, 0.04,],
+
+    # extrinsics are rt_fromref
+    'extrinsics': [ 2e-1, 1e-1, -1e-2,  2., 2, -2.5, ],
+
+    'imagersize': [ 4000, 2200 ]
+}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "lens"), [("distortion_model", "DISTORTION_OPENCV8"), ("lens_model", "LENSMODEL_OPENCV8")]
+)
+def test_mrcals_older_names(tmp_path, name, lens):
+    (tmp_path / "a.cameramodel").write_text(MRCAL_OLD.format(name=name, lens=lens))
+    record = load_record(tmp_path / "a.cameramodel")
+    assert record.calibration.model == "rational"
+    assert record.calibration.dist[-1] == 0.04
+    assert record.remarks == ()
+
+
+def test_mrcals_pose_takes_the_reference_to_the_camera(tmp_path):
+    """mrcal documents rt_fromref as b = R(r) a + t with a in the reference frame and b in the camera's."""
+    poses = ([0.02, -0.3, -0.01, 1.0, 2.0, -3.0], [0.2, 0.1, -0.01, -2.0, 2.0, -2.5])
+    for side, pose in zip(("left", "right"), poses, strict=True):
+        text = MRCAL_OLD.format(name="lensmodel", lens="LENSMODEL_OPENCV8")
+        text = text.replace("[ 2e-1, 1e-1, -1e-2,  2., 2, -2.5, ]", str(pose))
+        (tmp_path / f"{side}.cameramodel").write_text(text)
+    rig = load_calibration(tmp_path)
+    a = np.array([0.3, -0.7, 5.0])
+    left, right = (cv2.Rodrigues(np.array(pose[:3]))[0] @ a + pose[3:] for pose in poses)
+    np.testing.assert_allclose(rig.R @ left + rig.T, right, atol=1e-12)
+
+
 def test_middleburys_motorcycle(tmp_path):
     (tmp_path / "calib.txt").write_text(MIDDLEBURY)
     record = load_record(tmp_path / "calib.txt")
@@ -160,6 +234,66 @@ def test_middleburys_motorcycle(tmp_path):
     assert rig.right.cx - rig.left.cx == pytest.approx(124.343)
     assert rig.left.image_size == (2964, 1988)
     assert record.extra["ndisp"] == 280
+
+
+# what the dataset's own paper and devkit show of 2011_09_26: cameras before and after rectification
+KITTI_RAW = """\
+calib_time: 09-Jan-2012 13:57:47
+corner_dist: 9.950000e-02
+S_00: 1.392000e+03 5.120000e+02
+K_00: 9.842439e+02 0.0 6.900000e+02 0.0 9.808141e+02 2.331966e+02 0.0 0.0 1.0
+D_00: -3.728755e-01 2.037299e-01 2.219027e-03 1.383707e-03 -7.233722e-02
+T_00: 2.573699e-16 -1.059758e-16 1.614870e-16
+S_rect_00: 1.242000e+03 3.750000e+02
+P_rect_00: 7.215377e+02 0.0 6.095593e+02 0.0 0.0 7.215377e+02 1.728540e+02 0.0 0.0 0.0 1.0 0.0
+T_01: -5.370000e-01 4.822061e-03 -1.252488e-02
+S_rect_01: 1.242000e+03 3.750000e+02
+P_rect_01: 7.215377e+02 0.0 6.095593e+02 -3.875744e+02 0.0 7.215377e+02 1.728540e+02 0.0 0.0 0.0 1.0 0.0
+"""
+
+# the pair in colour of an object frame, as published in the devkit's example
+KITTI_COLOUR = """\
+P2: 7.070493e+02 0.0 6.040814e+02 4.575831e+01 0.0 7.070493e+02 1.805066e+02 -3.454157e-01 0.0 0.0 1.0 4.981016e-03
+P3: 7.070493e+02 0.0 6.040814e+02 -3.341081e+02 0.0 7.070493e+02 1.805066e+02 2.330660e+00 0.0 0.0 1.0 3.201153e-03
+"""
+
+
+def test_kittis_raw_recordings_say_the_image_size(tmp_path):
+    (tmp_path / "calib_cam_to_cam.txt").write_text(KITTI_RAW)
+    record = load_record(tmp_path / "calib_cam_to_cam.txt")
+    assert record.calibration.left.image_size == (1242, 375)
+    assert record.remarks == ()
+    assert record.calibration.baseline == pytest.approx(387.5744 / 721.5377, rel=1e-12)
+    # T_01, stated to a tenth of a millimetre, is the distance between the cameras before rectification: the same
+    assert record.calibration.baseline == pytest.approx(np.linalg.norm([0.537, 4.822061e-3, 1.252488e-2]), abs=1e-4)
+    with pytest.raises(DataFileError, match="lacks P2 or P3"):
+        load_calibration(tmp_path / "calib_cam_to_cam.txt", camera_pair="2-3")
+
+
+def test_kittis_colour_pair(tmp_path):
+    (tmp_path / "calib.txt").write_text(KITTI_COLOUR)
+    record = load_record(tmp_path / "calib.txt", camera_pair="2-3")
+    rig = record.calibration
+    # any point projected by P2 and P3 is seen there by the rig, too
+    X = np.array([[1.0, -0.5, 12.0, 1.0], [-3.0, 0.2, 30.0, 1.0]])
+    P = [np.array([float(word) for word in line.split()[1:]]).reshape(3, 4) for line in KITTI_COLOUR.splitlines()]
+    seen = [X @ each.T for each in P]
+    place = np.linalg.solve(P[0][:, :3], P[0][:, 3])
+    in_left = X[:, :3] + place
+    np.testing.assert_allclose(rig.left.project(in_left), seen[0][:, :2] / seen[0][:, 2:], rtol=1e-12)
+    np.testing.assert_allclose(rig.right.project(in_left + rig.T), seen[1][:, :2] / seen[1][:, 2:], rtol=1e-12)
+    assert 0.53 < rig.baseline < 0.54
+    assert any("do not meet exactly" in remark for remark in record.remarks)
+    with pytest.raises(DataFileError, match="lacks P0 or P1"):
+        load_calibration(tmp_path / "calib.txt")
+    with pytest.raises(InputError, match="camera_pair must be one of"):
+        load_calibration(tmp_path / "calib.txt", camera_pair="1-2")
+
+
+def test_camera_pair_is_for_kitti(tmp_path):
+    (tmp_path / "camchain.yaml").write_text(KALIBR)
+    with pytest.raises(InputError, match="KITTI"):
+        load_calibration(tmp_path / "camchain.yaml", camera_pair="0-1")
 
 
 def test_kittis_first_pair(tmp_path):
@@ -179,6 +313,53 @@ def test_ros_counts_coefficients_itself(tmp_path):
     assert record.calibration.left.model == "rational"
     np.testing.assert_allclose(record.calibration.T, [-0.12, 0, 0], atol=1e-15)
     assert load_calibration(tmp_path / "right.yaml") == record.calibration
+
+
+def test_ros_files_of_the_first_years_have_no_distortion_model(tmp_path):
+    # such as those in the wild; ROS' parser warns and takes plumb_bob
+    text = ROS.format(side="left", shift="0").replace("distortion_model: rational_polynomial\n", "")
+    (tmp_path / "camera.yaml").write_text(text.replace(", 0.4, 0.5, 0.6]", "]"))
+    camera = load_calibration(tmp_path / "camera.yaml")
+    assert camera.model == "brown"
+    np.testing.assert_array_equal(camera.dist, [0.1, 0.2, 0.001, 0.002, 0.3])
+
+
+def test_ros_fisheye_pair_has_opencvs_rotations(tmp_path):
+    left = Camera(
+        [[461.6, 0, 362.7], [0, 460.2, 246.0], [0, 0, 1]], [-0.013, 0.05, -0.045, 0.0124], (752, 480), "fisheye"
+    )
+    right = Camera(
+        [[458.7, 0, 367.2], [0, 457.3, 248.4], [0, 0, 1]], [-0.0135, 0.0527, -0.0498, 0.0136], (752, 480), "fisheye"
+    )
+    R, T = cv2.Rodrigues(np.array([0.004, 0.005, -0.002]))[0], np.array([-0.11016, 7e-5, 2.5e-4])
+    rig = StereoRig(left, right, R, T)
+    save_calibration(rig, tmp_path / "rig", format="ros", unit="m")
+    cameras = [np.array(each) for each in (left.K, left.dist, right.K, right.dist)]
+    expected = cv2.fisheye.stereoRectify(*cameras, (752, 480), R, T.reshape(3, 1), flags=cv2.CALIB_ZERO_DISPARITY)
+    for side, rotation in zip(("left", "right"), expected, strict=False):
+        document = yaml.safe_load((tmp_path / "rig" / f"{side}.yaml").read_text())
+        assert document["distortion_model"] == "equidistant"
+        assert len(document["distortion_coefficients"]["data"]) == 4
+        rows = np.reshape(document["rectification_matrix"]["data"], (3, 3))
+        np.testing.assert_allclose(rows, rotation, atol=1e-12)
+    back = load_calibration(tmp_path / "rig")
+    assert back.left == left
+    np.testing.assert_allclose(back.R, R, atol=1e-12)
+    np.testing.assert_allclose(back.T, T, atol=1e-13)
+
+
+def test_colmaps_documented_cameras(tmp_path):
+    # the three cameras of COLMAP's page on its output format, one by one
+    for line, f, k1 in (
+        ("1 SIMPLE_PINHOLE 3072 2304 2559.81 1536 1152", 2559.81, None),
+        ("2 PINHOLE 3072 2304 2560.56 2560.56 1536 1152", 2560.56, None),
+        ("3 SIMPLE_RADIAL 3072 2304 2559.69 1536 1152 -0.0218531", 2559.69, -0.0218531),
+    ):
+        (tmp_path / "cameras.txt").write_text(f"#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n{line}\n")
+        camera = load_calibration(tmp_path / "cameras.txt")
+        assert (camera.fx, camera.fy, camera.cx, camera.cy) == (f, f, 1535.5, 1151.5)
+        assert camera.image_size == (3072, 2304)
+        assert (camera.dist[0] if k1 else None) == k1
 
 
 @pytest.mark.parametrize(
@@ -228,6 +409,31 @@ def test_matlab_struct_by_its_conventions(tmp_path):
     np.testing.assert_array_equal(rig.R, turn)
     np.testing.assert_array_equal(rig.T, [-120, 0.5, 0.25])
     assert rig.left.image_size == (640, 480)
+
+
+def test_matlab_moves_a_point_as_mathworks_documents(tmp_path):
+    """[x y z] * RotationOfCamera2 + TranslationOfCamera2 takes camera 1 to camera 2; PoseCamera2.A acts from the left."""
+    rig = StereoRig(
+        Camera([[500, 0, 320], [0, 502, 240], [0, 0, 1]], [-0.4, 0.2, 1e-3, -2e-3, 0], (640, 480)),
+        Camera([[505, 0, 330], [0, 506, 238], [0, 0, 1]], [-0.41, 0.21, 1e-3, -1e-3, 0], (640, 480)),
+        cv2.Rodrigues(np.array([0.01, 0.02, 0.03]))[0],
+        [-120, 0.5, 0.25],
+    )
+    save_calibration(rig, tmp_path / "s.json", format="matlab", unit="mm")
+    struct = json.loads((tmp_path / "s.json").read_text())
+    point = np.array([100.0, -50.0, 900.0])
+    expected = rig.R @ point + rig.T
+    moved = point @ np.array(struct["RotationOfCamera2"]) + np.array(struct["TranslationOfCamera2"])
+    np.testing.assert_allclose(moved, expected, atol=1e-12)
+    # the newer struct: K not transposed, the pose as a 4x4 matrix that acts from the left
+    for side in ("CameraParameters1", "CameraParameters2"):
+        struct[side]["K"] = np.transpose(struct[side].pop("IntrinsicMatrix")).tolist()
+    del struct["RotationOfCamera2"], struct["TranslationOfCamera2"]
+    struct["PoseCamera2"] = np.vstack([np.column_stack([rig.R, rig.T]), [0, 0, 0, 1]]).tolist()
+    (tmp_path / "new.json").write_text(json.dumps(struct))
+    again = load_calibration(tmp_path / "new.json")
+    np.testing.assert_allclose(again.R @ point + again.T, expected, atol=1e-12)
+    np.testing.assert_allclose(again.left.K, rig.left.K, atol=1e-12)
 
 
 @pytest.mark.parametrize("suffix", ["yml", "xml", "json"])
