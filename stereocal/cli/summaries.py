@@ -170,8 +170,10 @@ def summarize_depth_map(run: DepthMapRun) -> Iterator[RenderableType]:
     if depth.size:
         low, middle, high = np.percentile(depth, (5, 50, 95))
         yield f"depth {low:.4g} to {high:.4g} (5 to 95 %), median {middle:.4g}, in the unit of the calibration"
+    for sentence in run.warnings:
+        yield Text(f"  note: {sentence}")
     top = settings["min_disparity"] + settings["num_disparities"] - 1.5
-    if np.mean(run.disparity >= top) > 0.005:
+    if np.mean(np.abs(run.disparity) >= top) > 0.005:
         yield "  note: the largest disparity that was searched is reached: nearer things need --num-disparities "
         yield f"        {2 * settings['num_disparities']} or more"
     yield from _files(run.files, run.folder)

@@ -9,14 +9,19 @@
 ``board_heights``           the board's shape from what its corners leave over
 ``epipolar``                epipolar lines and distances, the nearest pair that satisfies F
 ``two_view_solvers``        F from eight or seven points, E from five
+``two_view_models``         F in seven numbers, a motion in five: what a refinement may change
+``two_view_refinement``     Gold-Standard refinement of F and of R, t, among outliers too
+``two_view_options``        the options that the fits of F and of E share
+``two_view_degeneracy``     matches that determine nothing, by name: planes, pure rotation, copies
 ``consensus``               a model from matches of which many are wrong: MSAC, LMedS
-``two_view_refinement``     Gold-Standard refinement of F and of R, t
 ``fundamental``             the fundamental matrix [eq 20]
-``essential``               the essential matrix and the motion in it [eq 21]
+``essential``               the essential matrix [eq 21]
+``relative_pose``           the motion in an essential matrix: four of them, and which one is seen
 ``rectifying_rotations``    Bouguet's rotations: rows that match
 ``rectified_view``          which part of the plane the rectified pictures show
 ``rectification``           P₁, P₂, Q, maps and pictures from a calibrated rig
 ``rectification_advice``    what is odd about a rig, in words
+``search_direction``        swapped and vertical rigs: pictures turned so that every matcher finds the partner
 ``uncalibrated``            rectification from points and F alone (Hartley)
 ==========================  ==============================================================================
 """

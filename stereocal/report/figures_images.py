@@ -218,17 +218,20 @@ def draw_rectified_pair(
     *,
     left_corners: ArrayLike | None = None,
     right_corners: ArrayLike | None = None,
+    axis: int = 0,
     lines: int = 12,
     title: str = "rectified: a point lies on the same line in both",
 ) -> Figure:
-    """Draw a rectified pair side by side, with horizontal lines through both images.
+    """Draw a rectified pair, with epipolar lines through both images.
 
     Parameters
     ----------
     left, right : array_like of shape (H, W) or (H, W, 3)
-        Rectified images of equal height.
+        Rectified images of equal size.
     left_corners, right_corners : array_like of shape (N, 2), optional
         Rectified corners; lines then pass through some of the left ones, so that a fault of a pixel shows.
+    axis : int
+        0: side by side, lines are rows. 1: one above the other, lines are columns (a vertical rig).
     lines : int
         How many lines.
     title : str
@@ -238,17 +241,22 @@ def draw_rectified_pair(
     Figure
     """
     height, width = np.asarray(left).shape[:2]
-    figure, grid = new_figure(2 * PANEL, image_panel_height((2 * width, height), 2 * PANEL, 0.5), columns=2)
-    rows = np.linspace(0, height - 1, lines + 2)[1:-1]
+    if axis == 0:
+        figure, grid = new_figure(2 * PANEL, image_panel_height((2 * width, height), 2 * PANEL, 0.5), columns=2)
+    else:
+        figure, grid = new_figure(PANEL, image_panel_height((width, 2 * height), PANEL, 0.8), rows=2)
+    across = 1 - axis  # the coordinate that both pictures of a point share
+    extent = (width, height)
+    at = np.linspace(0, extent[across] - 1, lines + 2)[1:-1]
     if left_corners is not None:
-        points = as_points(left_corners, 2, "left_corners")
-        order = np.argsort(points[:, 1])
-        rows = points[order[np.linspace(0, len(order) - 1, min(lines, len(order))).astype(int)], 1]
-    colours = _row_colours(len(rows))
+        shared = as_points(left_corners, 2, "left_corners")[:, across]
+        at = np.sort(shared)[np.linspace(0, len(shared) - 1, min(lines, len(shared))).astype(int)]
+    colours = list(_row_colours(len(at)))
     names = ("left", "right")
-    for axes, image, corners, name in zip(grid[0], (left, right), (left_corners, right_corners), names, strict=True):
+    for axes, image, corners, name in zip(grid.flat, (left, right), (left_corners, right_corners), names, strict=True):
         show_image(axes, image)
-        axes.hlines(rows, -0.5, width - 0.5, colors=list(colours), linewidth=0.8)
+        draw_lines = axes.hlines if axis == 0 else axes.vlines
+        draw_lines(at, -0.5, extent[axis] - 0.5, colors=colours, linewidth=0.8)
         if corners is not None:
             points = as_points(corners, 2, "corners")
             axes.plot(points[:, 0], points[:, 1], "+", color=AMBER, markersize=5, markeredgewidth=0.9)

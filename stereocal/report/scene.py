@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from stereocal.base.checks import Float
 from stereocal.pair.rectification import rectify
+from stereocal.pair.search_direction import turn_back, turn_for_matching
 from stereocal.reconstruction.block_matching import match_bm, valid_region
 from stereocal.reconstruction.sad import as_gray_pair
 from stereocal.report.figures_curves import draw_sweep_speckles, draw_sweep_windows
@@ -132,7 +133,7 @@ def examine_scene(
     """
     rectification = rectify(rig, view="common")  # OpenCV's own frame can show mostly ghosts of a wide lens
     pair = rectification.apply(np.asarray(left), np.asarray(right))
-    gray = as_gray_pair(*pair)
+    gray = as_gray_pair(*(turn_for_matching(view, rectification) for view in pair))
     disparity, confirmed, asked = match_both(*gray, num_disparities, block_size)
     valid = np.isfinite(disparity)
     columns, rows = valid_region(gray[0].shape, num_disparities, 0, block_size)
@@ -167,9 +168,9 @@ def examine_scene(
     pictures = [
         Picture("scene_rectified",
                 "The scene, rectified: follow a line from a point on the left to the same point on the right.",
-                lambda: draw_rectified_pair(*pair), wide=True),
+                lambda: draw_rectified_pair(*pair, axis=rectification.axis), wide=True),
         Picture("scene_disparity", "Disparity: bright is near. Grey has no answer.",
-                lambda: draw_disparity(disparity, image=pair[0]), wide=True),
+                lambda: draw_disparity(np.abs(turn_back(disparity, rectification)), image=pair[0]), wide=True),
     ]  # fmt: skip
     if sweep is not None:
         text, more, found = _sweep_findings(sweep)

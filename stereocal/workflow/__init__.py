@@ -15,6 +15,7 @@ at all, and returns a frozen dataclass with ``.as_dict()``, which is what ``--js
 ``calibrations``      ``calibrate``: photographs to a calibrated rig and its report
 ``calibration_files`` the files that ``calibrate`` writes
 ``rectified_pairs``   ``rectify``: rectified images and the picture that proves them
+``matching``          a rectified pair of any rig matched by any method
 ``depth_maps``        ``disparity``: disparity, depth and point cloud of one pair
 ``demonstration``     ``demo``: the whole pipeline on a rendered rig of known truth
 ``sweeps``            ``sweep``: the paper's section 3

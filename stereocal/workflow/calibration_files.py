@@ -90,6 +90,7 @@ def _example_figures(run: CalibrationRun) -> Iterator[tuple[str, Figure]]:
             *rectification.apply(*photographs),
             left_corners=rectification.rectify_points(corners[0], "left"),
             right_corners=rectification.rectify_points(corners[1], "right"),
+            axis=rectification.axis,
         ),
     )
 

@@ -1,11 +1,8 @@
 """``disparity``: disparity, depth and point cloud of one pair.
 
-The pair is rectified, matched row by row, cleaned of speckles, and turned into depth by Q. Each file of the result has
-another reader: PFM and 16-bit PNG hold the numbers, the coloured PNG is for the eye, ``depth.pfm`` is in the unit of
-the calibration, ``cloud.ply`` is in colour, and ``rectification.json`` says in which frame all of it is.
-
-Matchers work on 8-bit grey. Pictures of more bits are brought to 8 by one factor for both, so that grey values stay
-comparable between left and right.
+The pair is rectified, matched along its baseline, cleaned of speckles, and turned into depth by Q. Each file of the
+result has another reader: PFM and 16-bit PNG hold the numbers, the coloured PNG is for the eye, ``depth.pfm`` is in the
+unit of the calibration, ``cloud.ply`` is in colour, and ``rectification.json`` says in which frame all of it is.
 """
 
 from __future__ import annotations
@@ -19,26 +16,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import stereocal
-from stereocal.base.checks import require_choice, require_integer
 from stereocal.base.errors import InputError
-from stereocal.base.gray import to_gray
 from stereocal.pair.rectification import Rectification
+from stereocal.pair.search_direction import is_swapped
 from stereocal.reconstruction.depth import disparity_to_depth, disparity_to_points
 from stereocal.report.figures_images import draw_disparity, to_display
 from stereocal.report.style import SEQUENTIAL, to_png
 from stereocal.store.clouds import write_ply
 from stereocal.store.disparity_files import write_disparity, write_pfm
 from stereocal.store.images import write_image
+from stereocal.workflow.matching import match_along_baseline, matcher_settings, to_eight_bits
 from stereocal.workflow.outputs import StagedFolder, staged_folder
 from stereocal.workflow.photographs import Pair, Photograph
 from stereocal.workflow.progress import Progress, Silent
 from stereocal.workflow.rectified_pairs import load_rig, rectify_for_viewing, require_size_of_rig, write_rectification
-
-METHODS = ("sad", "bm", "census", "sgm")
-
-BLOCK_SIZES = {"sad": 21, "bm": 21, "census": 9, "sgm": 3}
-"""Block size by method when none is given: the paper's for block matching, small where smoothness is asked for."""
 
 Image = NDArray[Any]
 Disparity = NDArray[np.float32]
@@ -70,6 +61,8 @@ class DepthMapRun:
         Where the files stand.
     files : tuple of Path
         Those written.
+    warnings : tuple of str
+        What is odd about the rig, and what was done about it.
     """
 
     disparity: Disparity
@@ -82,6 +75,7 @@ class DepthMapRun:
     points: int
     folder: Path
     files: tuple[Path, ...]
+    warnings: tuple[str, ...]
 
     def as_dict(self) -> dict[str, Any]:
         """Return what ``disparity --json`` prints."""
@@ -94,6 +88,7 @@ class DepthMapRun:
             "density": self.density,
             "depth_percentiles": {"5": low, "50": middle, "95": high},
             "points": self.points,
+            "warnings": list(self.warnings),
             "files": [str(path) for path in self.files],
             "matching_seconds": self.matching_seconds,
             "seconds": self.seconds,
@@ -124,7 +119,7 @@ def compute_disparity(
     method : {"sad", "bm", "census", "sgm"}
         The matcher.
     block_size : int, optional
-        Side of the window; by default :data:`BLOCK_SIZES`.
+        Side of the window; by default :data:`~stereocal.workflow.matching.BLOCK_SIZES`.
     num_disparities, min_disparity : int
         How many disparities are searched, from which one up.
     speckle_size : int
@@ -165,9 +160,8 @@ def compute_disparity(
         with watch.stage(f"Matching ({method})"):
             eight = to_eight_bits(*rectified)
             clock = time.perf_counter()
-            disparity = match_rectified(eight[0], eight[1], method=method, **settings)
+            disparity = match_along_baseline(eight[0], eight[1], rectification, method=method, **settings)
             matching_seconds = time.perf_counter() - clock
-        disparity = drop_unseen(disparity, rectification)
         depth, points = _write_depth_files(staged, rectified[0], disparity, rectification)
         files = tuple(staged.published())
     run = DepthMapRun(
@@ -181,71 +175,22 @@ def compute_disparity(
         points=points,
         folder=Path(out),
         files=files,
+        warnings=(*rectification.warnings, *_turned(rectification)),
     )
     return replace(run, seconds=time.perf_counter() - start)
 
 
-def matcher_settings(
-    method: str, *, block_size: int | None, num_disparities: int, min_disparity: int, speckle_size: int
-) -> dict[str, int]:
-    """Return the matcher's settings, checked, with the method's own block size if none is given.
-
-    Raises
-    ------
-    InputError
-        If one is out of its range.
-    """
-    require_choice(method, METHODS, "--method")
-    size = BLOCK_SIZES[method] if block_size is None else block_size
-    return {
-        "block_size": require_integer(size, "--block-size", minimum=1, maximum=255, odd=True),
-        "num_disparities": require_integer(num_disparities, "--num-disparities", minimum=1, maximum=4096),
-        "min_disparity": require_integer(min_disparity, "--min-disparity", minimum=-4096, maximum=4096),
-        "speckle_size": require_integer(speckle_size, "--speckle-size", minimum=0),
-    }
-
-
-def match_rectified(
-    left: Image,
-    right: Image,
-    *,
-    method: str,
-    block_size: int,
-    num_disparities: int,
-    min_disparity: int = 0,
-    speckle_size: int = 0,
-) -> Disparity:
-    """Match a rectified pair with one of the four matchers and drop speckles."""
-    matcher = getattr(stereocal, f"match_{method}")  # the public names, imported when first used
-    settings = {"num_disparities": num_disparities, "min_disparity": min_disparity, "block_size": block_size}
-    if method == "sgm":  # has a speckle filter of its own, with the range that suits its slanted surfaces
-        smooth: Disparity = matcher(left, right, **settings, speckle_size=speckle_size)
-        return smooth
-    disparity: Disparity = matcher(left, right, **settings)
-    if speckle_size:
-        disparity = stereocal.filter_speckles(disparity, max_size=speckle_size, max_difference=1.0)
-    return disparity
-
-
-def drop_unseen(disparity: Disparity, rectification: Rectification) -> Disparity:
-    """Drop answers where either camera did not look: black borders match black borders perfectly."""
-    seen_left, seen_right = rectification.valid_mask("left"), rectification.valid_mask("right")
-    valid = np.isfinite(disparity) & seen_left
-    y, x = np.nonzero(valid)
-    partner = np.rint(x - disparity[y, x]).astype(int)
-    inside = (partner >= 0) & (partner < disparity.shape[1])
-    valid[y, x] = inside & seen_right[y, np.clip(partner, 0, disparity.shape[1] - 1)]
-    return np.where(valid, disparity, np.float32(np.nan))
-
-
-def to_eight_bits(left: Image, right: Image) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Return both images in 8-bit grey, scaled by one factor."""
-    gray = to_gray(left, "left"), to_gray(right, "right")
-    if gray[0].dtype == np.uint8 and gray[1].dtype == np.uint8:
-        return gray
-    white = max(float(gray[0].max()), float(gray[1].max()), 1.0)
-    scaled = [np.rint(np.clip(image.astype(np.float64) * (255.0 / white), 0, 255)).astype(np.uint8) for image in gray]
-    return scaled[0], scaled[1]
+def _turned(rectification: Rectification) -> list[str]:
+    """Say what was done about a rig that matchers do not expect, and what it means for the files."""
+    said = []
+    if rectification.axis == 1:
+        said.append("Matched along columns here, so the depth is right; the disparity is along y.")
+    if is_swapped(rectification):
+        said.append(
+            "Searched to the other side here, so the depth is right; the disparity is negative, which the "
+            "16-bit disparity.png cannot hold: it is not written."
+        )
+    return said
 
 
 def color_disparity(disparity: Disparity) -> NDArray[np.uint8]:
@@ -268,12 +213,15 @@ def _write_depth_files(
     depth[~(depth > 0)] = np.nan
     depth[np.isinf(depth)] = np.nan
     points = disparity_to_points(disparity, rectification.Q)
-    points[~(disparity >= 1)] = np.nan  # below one pixel the depth is not known even to a factor of two
+    points[~((np.abs(disparity) >= 1) & (depth > 0))] = (
+        np.nan
+    )  # below one pixel the depth is not known even to a factor of two
     write_disparity(staged.path("disparity.pfm"), disparity)
     if not np.any(disparity < 0):  # the 16-bit format holds none below zero
         write_disparity(staged.path("disparity.png"), disparity)
-    write_image(staged.path("disparity_color.png"), color_disparity(disparity))
-    figure = draw_disparity(disparity, image=left, title="disparity of the left image")
+    shown = np.abs(disparity) if is_swapped(rectification) else disparity  # bright is near, for any rig
+    write_image(staged.path("disparity_color.png"), color_disparity(shown))
+    figure = draw_disparity(shown, image=left, title="disparity of the left image")
     staged.path("disparity_figure.png").write_bytes(to_png(figure))
     write_pfm(staged.path("depth.pfm"), np.where(np.isfinite(depth), depth, np.float32(np.inf)))
     count = write_ply(staged.path("cloud.ply"), points, to_display(left))

@@ -189,5 +189,6 @@ def _rectify_one(pair: Pair, rig: StereoRig, rectification: Rectification, stage
     names = (f"left_{pair.left.path.stem}.png", f"right_{pair.right.path.stem}.png")
     for name, image in zip(names, rectified, strict=True):
         write_image(staged.path(name), image)
-    figure = draw_rectified_pair(*rectified, title=f"{pair.left.path.name} and {pair.right.path.name}, rectified")
+    title = f"{pair.left.path.name} and {pair.right.path.name}, rectified"
+    figure = draw_rectified_pair(*rectified, axis=rectification.axis, title=title)
     staged.path(f"epipolar_{pair.left.path.stem}.png").write_bytes(to_png(figure))

@@ -15,12 +15,13 @@ from typing import Any
 
 from stereocal.base.atomic_files import write_whole
 from stereocal.base.errors import DataFileError
+from stereocal.pair.search_direction import turn_for_matching
 from stereocal.report.figures_curves import draw_sweep_speckles, draw_sweep_windows
 from stereocal.report.style import to_png
 from stereocal.sweep.disparity_sweep import PAPER_BLOCK_SIZES, PAPER_SPECKLE_SIZES, sweep_disparity
 from stereocal.sweep.executors import open_executor
 from stereocal.sweep.table import SweepTable
-from stereocal.workflow.depth_maps import to_eight_bits
+from stereocal.workflow.matching import to_eight_bits
 from stereocal.workflow.photographs import Pair, Photograph
 from stereocal.workflow.progress import Progress, Silent
 from stereocal.workflow.quantities import parse_range
@@ -109,7 +110,8 @@ def run_sweep(
     pair = Pair(Photograph(Path(left)), Photograph(Path(right)))
     images = pair.left.read(), pair.right.read()
     require_size_of_rig(pair, images, rig)
-    rectified = to_eight_bits(*rectify_for_viewing(rig).apply(*images))
+    rectification = rectify_for_viewing(rig)
+    rectified = (turn_for_matching(view, rectification) for view in to_eight_bits(*rectification.apply(*images)))
     folder = _make_folder(Path(out))
     resumed = -1
     with open_executor(executor) as workers, (progress or Silent()).stage("Sweeping", len(block_sizes)) as step:

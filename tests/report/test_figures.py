@@ -52,7 +52,11 @@ def test_disparity_without_a_single_answer() -> None:
 
 
 def test_rectified_pair() -> None:
-    pixels(figures_images.draw_rectified_pair(IMAGE, IMAGE, left_corners=CORNERS, right_corners=CORNERS))
+    corners = {"left_corners": CORNERS, "right_corners": CORNERS}
+    beside = pixels(figures_images.draw_rectified_pair(IMAGE, IMAGE, **corners))
+    above = pixels(figures_images.draw_rectified_pair(IMAGE, IMAGE, axis=1, **corners))
+    assert beside.shape[1] > beside.shape[0]
+    assert above.shape[0] > above.shape[1]
 
 
 def test_large_images_are_thinned_by_whole_steps() -> None:
