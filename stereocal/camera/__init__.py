@@ -27,6 +27,7 @@
 ``outliers``                        corners that do not belong
 ``priors``                          what is known beforehand
 ``covariance``                      how sure the answer is
+``degeneracy``                      views that do not determine a camera, named
 ``propagation``                     what that means for pixels and for points in space
 ``losses``                          robust losses
 ``parameters``                      which parameters are free, held or tied, by name

@@ -36,6 +36,7 @@ from stereocal.camera.bundle import Bundle, BundleState, residuals
 from stereocal.camera.bundle_problem import camera_of, intrinsics_of, make_bundle, whitening_of
 from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
 from stereocal.camera.covariance import BundleCovariance, bundle_covariance
+from stereocal.camera.degeneracy import ADVICE, refuse_degenerate
 from stereocal.camera.distortion import distortion_model
 from stereocal.camera.distortion_base import DistortionModel
 from stereocal.camera.initialisation import solve_from_starts
@@ -46,10 +47,6 @@ from stereocal.camera.parameters import fixed_names, free_columns, intrinsic_nam
 from stereocal.camera.pose import initial_poses
 from stereocal.camera.priors import solve_with_priors
 from stereocal.camera.views import as_views
-
-# Relative standard deviation of the focal length beyond which the views do not determine it.
-_UNDETERMINED = 0.5
-_LEAST_NOISE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,8 +187,9 @@ def calibrate_camera(
     InputError
         If an argument has the wrong shape or value.
     DegenerateGeometryError
-        If the views do not determine the camera: fewer than three (two, where enough is held), all parallel, or a view
-        whose points lie on one line. The message names the views and says what to photograph.
+        If the views do not determine the camera: fewer than three (one, where the principal point is held), all
+        parallel (see ``degeneracy``), or a view whose points lie on one line. The message names the views and says what
+        to photograph.
     ConvergenceError
         If no start leads to an optimum.
 
@@ -266,8 +264,8 @@ def _require_views(images: list[Float], held: set[str]) -> None:
     needed = 1 if {"cx", "cy"} <= held else 3
     if len(images) < needed:
         raise DegenerateGeometryError(
-            f"{len(images)} views are too few: {needed} are needed, or fix='principal_point'; photograph the board "
-            "tilted by 30 to 45 degrees, to a different side each time"
+            f"{len(images)} view{'s are' if len(images) > 1 else ' is'} too few: {needed} are needed, or "
+            f"fix='principal_point'; {ADVICE}"
         )
 
 
@@ -288,13 +286,7 @@ def _result(
     camera = camera_of(state.intrinsics[0], size, lens)
     joint = bundle_covariance(bundle, state, solution.equations)
     std = np.sqrt(np.diag(joint.shared)[: len(names)])
-    # corners that fit exactly (synthetic ones) prove nothing: the question is put for errors of at least 0.01 px
-    doubt = std[1] * np.sqrt(max(1.0, _LEAST_NOISE**2 / max(joint.variance, 1e-300)))
-    if np.any(bundle.G[:2]) and joint.degrees_of_freedom > 0 and not doubt < _UNDETERMINED * camera.fy:
-        raise DegenerateGeometryError(
-            f"the {len(state.R_views)} views do not determine the focal length: {_tilts(state)}; photograph the board "
-            "tilted by 30 to 45 degrees, to a different side each time"
-        )
+    refuse_degenerate(bundle, state, solution.equations, joint, size[0])
     d = -residuals(bundle, state)
     squares = np.sum(d * d, axis=1)
     counts = np.diff(bundle.offsets)
@@ -315,10 +307,3 @@ def _result(
         board=board_shape_of(bundle, state, kind, held_out, joint),
         joint=joint,
     )
-
-
-def _tilts(state: BundleState) -> str:
-    """In words: by how much the boards are tilted against each other."""
-    normals = state.R_views[:, :, 2]
-    widest = np.degrees(np.arccos(np.clip(np.min(normals @ normals.T), -1, 1)))
-    return f"their boards are tilted by no more than {widest:.1f} degrees against each other"

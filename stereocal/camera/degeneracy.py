@@ -1,0 +1,196 @@
+"""Views that do not determine a camera, recognised and named.
+
+An optimum always exists on paper; whether it means anything depends on the photographs. Asked after the fit:
+
+**Are all boards parallel?** A board's plane with normal n = (n_x, n_y, n_z) gives two equations for K (see ``zhang``),
+and parallel boards give the same two: four unknowns fx, fy, cx, cy are left open, whatever the number of views and
+however well they fit. Noise makes parallel boards look tilted against each other, and an overestimated focal length
+magnifies it (6° of tilt at 13 times the focal length is 30 minutes of arc). So the slopes s = (n_x, n_y) / n_z are
+compared with their own uncertainty C_i, which grows by the same factor: with intrinsics held, the poses of different
+views are independent, Cov(ω_i) = σ² V_i⁻¹, and
+
+    χ² = Σ (s_i − s̄)ᵀ C_i⁻¹ (s_i − s̄),        s̄ = (Σ C_i⁻¹)⁻¹ Σ C_i⁻¹ s_i,
+
+has 2(V − 1) degrees of freedom if the boards are parallel, and as many more as there are intrinsics, which were chosen
+to fit the very noise that is judged here. Below the value that parallel boards exceed once in a thousand times, or
+where no two differ by a degree, they are taken to be parallel. A lens with strong distortion does tell the focal length
+from parallel boards, in principle: far too weakly to be trusted, and the views are refused all the same.
+
+**Is the focal length sure to within a half?** Otherwise it is refused too. If the boards are well tilted and it would
+be sure with the lens's coefficients held, tilts are not what is missing: the model has coefficients that these views
+cannot tell apart (a rational model on a mild lens: numerator and denominator grow together without end), and a simpler
+model is the answer.
+
+Corners that fit exactly (synthetic ones) prove nothing: both questions are put for errors of at least 0.01 px.
+
+Source: Zhang (2000), section 2.4 and appendix D, for the degeneracy of parallel boards.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stereocal.base.checks import Float
+from stereocal.base.errors import DegenerateGeometryError
+from stereocal.camera.bundle import Bundle, BundleState, NormalEquations
+from stereocal.camera.bundle_solver import schur_complement
+from stereocal.camera.covariance import BundleCovariance
+
+ADVICE = "photograph the board tilted by 30 to 45 degrees, to a different side each time"
+
+# Relative standard deviation of the focal length beyond which the views do not determine it.
+_UNDETERMINED = 0.5
+_LEAST_NOISE = 0.01
+# How often parallel boards are taken for tilted ones.
+_SIGNIFICANCE = 1e-3
+# Slopes that differ by more than this, brought to a focal length of one image width, are no noise.
+_CLEARLY_TILTED = 0.35
+# Boards within a degree are parallel, whatever the noise.
+_PARALLEL = np.radians(1.0)
+# Tilts against each other that suffice for a focal length.
+_ENOUGH = np.radians(20.0)
+# A focal length of more widths than this is that of no camera: it ran away.
+_LONGEST = 100.0
+
+
+def refuse_degenerate(
+    bundle: Bundle, state: BundleState, equations: NormalEquations, joint: BundleCovariance, width: int
+) -> None:
+    """Raise DegenerateGeometryError if the views do not determine the one camera of a bundle.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        Of one camera.
+    state : BundleState
+        Its optimum.
+    equations : NormalEquations
+        There.
+    joint : BundleCovariance
+        There.
+    width : int
+        Of the image, pixels.
+
+    Raises
+    ------
+    DegenerateGeometryError
+        Says which views, why, and what to photograph.
+    """
+    if np.linalg.matrix_rank(bundle.G[:5]) > 2:
+        _refuse_parallel(bundle, state, equations, joint, width)
+    if not np.any(bundle.G[:2]) or joint.degrees_of_freedom <= 0:
+        return
+    fy = float(state.intrinsics[0][1])
+    std = float(np.sqrt(joint.shared[1, 1]))
+    doubt = std * np.sqrt(max(1.0, _LEAST_NOISE**2 / max(joint.variance, 1e-300)))
+    if doubt < _UNDETERMINED * fy and fy < _LONGEST * width:
+        return
+    model = bundle.models[0]
+    if _widest_tilt(state) > _ENOUGH and _doubt_with_lens_held(bundle, equations, joint) < 0.05 * fy:
+        raise DegenerateGeometryError(
+            f"{_views(state)} do not determine the {model.parameter_count} coefficients of model {model.name!r}: they "
+            f"grow without end and take the focal length along (fy = {fy:.3g} ± {doubt:.2g} pixels); choose a model "
+            "with fewer, such as 'brown', hold some of them by fix=, or photograph the board in every corner of the "
+            "image"
+        )
+    raise DegenerateGeometryError(
+        f"{_views(state)} {'does' if len(state.R_views) == 1 else 'do'} not determine the focal length (fy = {fy:.3g} "
+        f"± {doubt:.2g} pixels): {_tilts(state)}; {ADVICE}"
+    )
+
+
+def _refuse_parallel(
+    bundle: Bundle, state: BundleState, equations: NormalEquations, joint: BundleCovariance, width: int
+) -> None:
+    count = len(state.R_views)
+    if count < 2:
+        return
+    n = state.R_views[:, :, 2]
+    slopes = n[:, :2] / n[:, 2:]
+    scale = width / max(abs(float(state.intrinsics[0][0])), 1e-300)
+    spread = float(np.max(np.ptp(slopes, axis=0))) * min(scale, 1.0)
+    if spread > _CLEARLY_TILTED:
+        return
+    variance = max(joint.variance, _LEAST_NOISE**2) if np.isfinite(joint.variance) else _LEAST_NOISE**2
+    chi2 = slopes_chi2(n, np.asarray(variance * np.linalg.inv(equations.V)[:, :3, :3]))
+    from scipy.special import chdtri
+
+    if spread > _PARALLEL and chi2 > chdtri(2 * (count - 1) + bundle.G.shape[1], _SIGNIFICANCE):
+        return
+    raise DegenerateGeometryError(
+        f"the boards of all {count} views are parallel as far as their corners can tell, which leaves the focal length "
+        f"open{_same_views(bundle)}; {ADVICE}"
+    )
+
+
+def slopes_chi2(n: Float, of_turns: Float) -> float:
+    """Return χ² of the hypothesis that all boards are parallel.
+
+    Parameters
+    ----------
+    n : ndarray of shape (V, 3)
+        Normals.
+    of_turns : ndarray of shape (V, 3, 3)
+        Covariance of a small turn ω of each board, about the camera's axes.
+
+    Returns
+    -------
+    float
+    """
+    slopes = n[:, :2] / n[:, 2:]
+    # δn = ω × n = −[n]ₓ ω;  δs = (δn_xy − s δn_z) / n_z
+    nx, ny, nz = n.T
+    zero = np.zeros(len(n))
+    turn = np.array([[zero, nz, -ny], [-nz, zero, nx], [ny, -nx, zero]]).transpose(2, 0, 1)
+    J = (turn[:, :2] - slopes[:, :, None] * turn[:, 2:]) / n[:, 2, None, None]
+    weights = np.linalg.inv(J @ of_turns @ J.transpose(0, 2, 1))
+    mean = np.linalg.solve(weights.sum(axis=0), np.einsum("vij,vj->i", weights, slopes))
+    d = slopes - mean
+    return float(np.einsum("vi,vij,vj->", d, weights, d))
+
+
+def _doubt_with_lens_held(bundle: Bundle, equations: NormalEquations, joint: BundleCovariance) -> float:
+    """Standard deviation of fy if all coefficients of the lens were known; infinite where it is open even then."""
+    of_lens = np.any(bundle.G[5:], axis=0)
+    if not of_lens.any() or not np.any(bundle.G[1]):
+        return float(np.inf)
+    try:
+        S = schur_complement(equations)[0][np.ix_(~of_lens, ~of_lens)]
+        g = bundle.G[1, ~of_lens]
+        variance = float(g @ np.linalg.solve(S, g)) * max(joint.variance, _LEAST_NOISE**2)
+    except np.linalg.LinAlgError:
+        return float(np.inf)
+    return float(np.sqrt(variance)) if variance > 0 else float(np.inf)
+
+
+def _views(state: BundleState) -> str:
+    count = len(state.R_views)
+    return "the one view" if count == 1 else f"the {count} views"
+
+
+def _widest_tilt(state: BundleState) -> float:
+    """Largest angle between two boards' normals."""
+    normals = state.R_views[:, :, 2]
+    return float(np.arccos(np.clip(np.min(normals @ normals.T), -1, 1)))
+
+
+def _tilts(state: BundleState) -> str:
+    """In words: by how much the boards are tilted against each other."""
+    if len(state.R_views) == 1:
+        return "one board plane gives two equations, too few for what is free"
+    return f"their boards are tilted by no more than {np.degrees(_widest_tilt(state)):.1f} degrees against each other"
+
+
+def _same_views(bundle: Bundle) -> str:
+    """In words: which views hold the very same corners."""
+    corners = [bundle.measured[a:b] for a, b in zip(bundle.offsets[:-1], bundle.offsets[1:], strict=True)]
+    groups: list[list[int]] = []
+    for i, y in enumerate(corners):
+        for group in groups:
+            if len(corners[group[0]]) == len(y) and np.array_equal(corners[group[0]], y):
+                group.append(i)
+                break
+        else:
+            groups.append([i])
+    same = [group for group in groups if len(group) > 1]
+    return "".join(f"; views {', '.join(map(str, group))} hold the very same corners" for group in same)
