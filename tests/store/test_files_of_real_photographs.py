@@ -66,20 +66,20 @@ def test_ros_files_parse_to_the_same_numbers(tmp_path, rig):
         assert document["distortion_model"] == "plumb_bob"
         np.testing.assert_array_equal(matrix(document, "camera_matrix"), camera.K)
         np.testing.assert_array_equal(matrix(document, "distortion_coefficients")[0], camera.dist)
-    # the file's own rectification draws what both cameras see on one row, baseline in metres
-    X = np.array([[-200.0, 100, 900], [150, -80, 1500], [10, 20, 700]])
-    seen = []
-    for document, camera, points in ((left, rig.left, X), (right, rig.right, X @ rig.R.T + rig.T)):
-        pixels = camera.project(points)[:, None]
-        K, dist = matrix(document, "camera_matrix"), matrix(document, "distortion_coefficients")
-        R, P = matrix(document, "rectification_matrix"), matrix(document, "projection_matrix")
-        criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-14)
-        seen.append(cv2.undistortPointsIter(pixels, K, dist, R, P[:, :3], criteria)[:, 0])
-    np.testing.assert_allclose(seen[0][:, 1], seen[1][:, 1], atol=1e-6)
-    P2 = matrix(right, "projection_matrix")
-    depth = -P2[0, 3] / (seen[0][:, 0] - seen[1][:, 0])
-    turned = X @ matrix(left, "rectification_matrix").T
-    np.testing.assert_allclose(1000 * depth, turned[:, 2], rtol=1e-8)
+    # points in metres, seen by both cameras: the file's own rectification puts them on one row, f B / d apart
+    X = np.array([[-0.2, 0.1, 0.9], [0.15, -0.08, 1.5], [0.01, 0.02, 0.7]])
+    R1, R2 = matrix(left, "rectification_matrix"), matrix(right, "rectification_matrix")
+    P1, P2 = matrix(left, "projection_matrix"), matrix(right, "projection_matrix")
+    turned = X @ R1.T
+    first, second = turned @ P1[:, :3].T, turned @ P2[:, :3].T + P2[:, 3]
+    first, second = first / first[:, 2:], second / second[:, 2:]
+    np.testing.assert_allclose(first[:, 1], second[:, 1], atol=1e-9)
+    np.testing.assert_allclose(-P2[0, 3] / (first[:, 0] - second[:, 0]), turned[:, 2], rtol=1e-10)
+    # and OpenCV, given R and T as they follow from it, draws them where ours does
+    R, T = R2.T @ R1, R2.T @ [P2[0, 3] / P2[0, 0], 0, 0]
+    K, dist = matrix(right, "camera_matrix"), matrix(right, "distortion_coefficients")
+    drawn, _ = cv2.projectPoints(X, cv2.Rodrigues(R)[0], T, K, dist)
+    np.testing.assert_allclose(drawn[:, 0], rig.right.project(1000 * X @ rig.R.T + rig.T), atol=1e-8)
     assert -P2[0, 3] / P2[0, 0] == pytest.approx(rig.baseline / 1000, rel=1e-12)
 
 
@@ -99,7 +99,7 @@ def test_kalibr_file_parses_to_the_same_numbers(tmp_path, corners):
     np.testing.assert_allclose(1000 * pose[:3, 3], rig.T, rtol=1e-15)
     # OpenCV, given these numbers, draws the board's corners where ours does
     fu, fv, pu, pv = document["cam1"]["intrinsics"]
-    X = board.object_points + [-100.0, -60, 500]
+    X = board.object_points + np.array([-100.0, -60, 500])
     drawn, _ = cv2.projectPoints(
         X, cv2.Rodrigues(pose[:3, :3])[0], 1000 * pose[:3, 3], np.array([[fu, 0, pu], [0, fv, pv], [0, 0, 1.0]]),
         np.array(document["cam1"]["distortion_coeffs"]),

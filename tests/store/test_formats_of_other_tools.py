@@ -412,7 +412,7 @@ def test_matlab_struct_by_its_conventions(tmp_path):
 
 
 def test_matlab_moves_a_point_as_mathworks_documents(tmp_path):
-    """[x y z] * RotationOfCamera2 + TranslationOfCamera2 takes camera 1 to camera 2; PoseCamera2.A acts from the left."""
+    """[x y z] RotationOfCamera2 + TranslationOfCamera2 goes from camera 1 to 2; PoseCamera2.A acts from the left."""
     rig = StereoRig(
         Camera([[500, 0, 320], [0, 502, 240], [0, 0, 1]], [-0.4, 0.2, 1e-3, -2e-3, 0], (640, 480)),
         Camera([[505, 0, 330], [0, 506, 238], [0, 0, 1]], [-0.41, 0.21, 1e-3, -1e-3, 0], (640, 480)),
