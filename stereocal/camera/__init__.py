@@ -35,6 +35,7 @@
 ``views``                           points as users pass them, in one layout
 ``undistortion``                    maps that straighten an image
 ``undistortion_kernels``            the same, compiled
+``vector_doubles``                  eight numbers as one value in kernels
 ``resampling``                      images looked up at fractional places
 ``resampling_kernels``              the same, compiled
 ==================================  ==========================================================================

@@ -20,6 +20,7 @@ those whose place in the photograph, undistorted again, is the pixel itself.
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -35,6 +36,7 @@ OPENCV_FAMILY = ("pinhole", "polynomial", "brown", "rational", "thin_prism", "ti
 Map = NDArray[np.float32]
 # A pixel and the one that its place in the photograph comes back to: further apart than this, the lens formula folds.
 _RETURN_TOLERANCE = 0.5
+_IDENTITY = np.eye(3)
 
 
 def opencv_coefficients(dist: ArrayLike | None, model: str) -> Float | None:
@@ -145,30 +147,45 @@ def undistortion_maps(
     width, height = as_image_size(image_size if out_size is None else out_size)
     require_choice(backend, ("numba", "numpy"), "backend")
     k = opencv_coefficients(dist, model)
-    B = inverse_of_new_camera(K if P is None else _left_square(P), np.eye(3) if R is None else as_rotation(R))
-    map_x, map_y = (np.empty((height, width), np.float32) for _ in range(2)) if out is None else out
-    if any(m.shape != (height, width) or m.dtype != np.float32 or not m.flags.c_contiguous for m in (map_x, map_y)):
+    B = inverse_of_new_camera(K if P is None else _left_square(P), _IDENTITY if R is None else as_rotation(R))
+    if out is None:
+        # one block for both: two blocks of a megabyte go back to the system when they are freed, and the next call
+        # would wait for fresh pages longer than for the maps
+        map_x, map_y = np.empty((2, height, width), np.float32)
+        out = map_x, map_y
+    elif any(m.shape != (height, width) or m.dtype != np.float32 or not m.flags.c_contiguous for m in out):
         raise InputError(f"out must be two contiguous float32 arrays of shape ({height}, {width})")
     if backend == "numba" and k is not None and K[0, 1] == 0:
-        from stereocal.camera import undistortion_kernels as kernels
+        _run_kernel(B, k, K, out)
+    else:
+        _maps_by_reference(B, dist, model, K, out)
+    return out
 
-        f = float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])
-        if np.any(k[12:]):
-            kernels.tilted_maps(B.ravel(), k, tilt_matrix(k[12], k[13]).ravel(), *f, map_x, map_y)
-        elif np.any(k[5:]):
-            kernels.rational_maps(B.ravel(), k, *f, map_x, map_y)
-        else:
-            kernels.brown_maps(B.ravel(), k, *f, map_x, map_y)
-        return map_x, map_y
 
+def _run_kernel(B: Float, k: Float, K: Float, out: tuple[Map, Map]) -> None:
+    from stereocal.camera.undistortion_kernels import lens_maps
+
+    (fx, _, cx), (_, fy, cy), _ = K.tolist()
+    listed = k.tolist()
+    tilt = _IDENTITY
+    if any(listed[12:]):
+        pixels = np.array([fx, fy, 1.0])
+        tilt = pixels[:, None] * tilt_matrix(*listed[12:]) / pixels
+    # as many coefficients as count: five, eight, twelve, fourteen
+    lens = (0,) * sum(any(listed[first:]) for first in (5, 8, 12))
+    lens_maps(B.ravel(), k, tilt.ravel(), fx, fy, cx, cy, lens, *out)
+
+
+def _maps_by_reference(B: Float, dist: ArrayLike | None, model: str, K: Float, out: tuple[Map, Map]) -> None:
     from stereocal.camera.distortion import distort_normalized, to_pixels
 
+    map_x, map_y = out
+    height, width = map_x.shape
     u = np.arange(width, dtype=float)
     for v in range(height):
         rays = np.stack([u, np.full(width, float(v)), np.ones(width)]).T @ B.T
         seen = to_pixels(distort_normalized(rays[:, :2] / rays[:, 2:], dist, model), K)
         map_x[v], map_y[v] = seen.T
-    return map_x, map_y
 
 
 def distortion_maps(
@@ -358,23 +375,20 @@ def inverse_of_new_camera(P: Float, R: Float) -> Float:
     InputError
         If P has no inverse.
     """
-    p, r = P.tolist(), R.tolist()  # Python's floats are quicker one by one, and the same numbers
-    m = [[p[i][0] * r[0][j] + p[i][1] * r[1][j] + p[i][2] * r[2][j] for j in range(3)] for i in range(3)]
-
-    def minor(a: int, b: int, c: int, d: int) -> float:
-        return m[a][b] * m[c][d] - m[a][d] * m[c][b]
-
-    determinant = m[0][0] * minor(1, 1, 2, 2) - m[0][1] * minor(1, 0, 2, 2) + m[0][2] * minor(1, 0, 2, 1)
-    if determinant == 0 or not np.isfinite(determinant):
+    # M = P R, its rows (a b c), (d e f), (g h i); Python's floats are quicker one by one, and the same numbers
+    turned = list(zip(*R.tolist(), strict=True))
+    (a, b, c), (d, e, f), (g, h, i) = (
+        [p * x + q * y + r * z for x, y, z in turned] for p, q, r in P.tolist()
+    )  # fmt: skip
+    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    if determinant == 0 or not isfinite(determinant):
         raise InputError("the new camera matrix P has no inverse; its focal lengths must not be 0")
-    scale = 1 / determinant
-    return scale * np.array(
-        [
-            [minor(1, 1, 2, 2), minor(0, 2, 2, 1), minor(0, 1, 1, 2)],
-            [minor(1, 2, 2, 0), minor(0, 0, 2, 2), minor(0, 2, 1, 0)],
-            [minor(1, 0, 2, 1), minor(0, 1, 2, 0), minor(0, 0, 1, 1)],
-        ]
+    cofactors = (
+        (e * i - f * h, c * h - b * i, b * f - c * e),
+        (f * g - d * i, a * i - c * g, c * d - a * f),
+        (d * h - e * g, b * g - a * h, a * e - b * d),
     )
+    return 1 / determinant * np.array(cofactors)
 
 
 def _left_square(P: ArrayLike) -> Float:

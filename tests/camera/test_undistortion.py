@@ -47,6 +47,20 @@ def test_maps_equal_opencv_to_the_last_bit(model, seed) -> None:
         np.testing.assert_array_equal(a, b)
 
 
+@given(width=st.integers(1, 40), height=st.integers(1, 4))
+@settings(max_examples=25)
+def test_maps_write_their_own_memory_only(width, height) -> None:
+    """The kernel works on eight pixels at a time; a row need not hold a multiple of eight."""
+    K = np.array([[30.0, 0, 10], [0, 31, 2], [0, 0, 1]])
+    blocks = [np.full(width * height + 16, 7, np.float32) for _ in "xy"]
+    maps = tuple(block[:-16].reshape(height, width) for block in blocks)
+    undistortion_maps(K, [-0.1, 0.02, 0, 0, 0], (width, height), out=maps)
+    fresh = undistortion_maps(K, [-0.1, 0.02, 0, 0, 0], (width, height))
+    for block, given_map, own in zip(blocks, maps, fresh, strict=True):
+        np.testing.assert_array_equal(given_map, own)
+        np.testing.assert_array_equal(block[-16:], 7)
+
+
 @pytest.mark.parametrize("model", MODELS)
 @given(seed=seeds)
 @settings(max_examples=10)
