@@ -37,6 +37,7 @@ Map = NDArray[np.float32]
 # A pixel and the one that its place in the photograph comes back to: further apart than this, the lens formula folds.
 _RETURN_TOLERANCE = 0.5
 _IDENTITY = np.eye(3)
+_NO_INVERSE = "the new camera matrix P has no inverse; its focal lengths must not be 0"
 
 
 def opencv_coefficients(dist: ArrayLike | None, model: str) -> Float | None:
@@ -147,7 +148,8 @@ def undistortion_maps(
     width, height = as_image_size(image_size if out_size is None else out_size)
     require_choice(backend, ("numba", "numpy"), "backend")
     k = opencv_coefficients(dist, model)
-    B = inverse_of_new_camera(K if P is None else _left_square(P), _IDENTITY if R is None else as_rotation(R))
+    new = K if P is None else _left_square(P)
+    turn = _IDENTITY if R is None else as_rotation(R)
     if out is None:
         # one block for both: two blocks of a megabyte go back to the system when they are freed, and the next call
         # would wait for fresh pages longer than for the maps
@@ -156,13 +158,13 @@ def undistortion_maps(
     elif any(m.shape != (height, width) or m.dtype != np.float32 or not m.flags.c_contiguous for m in out):
         raise InputError(f"out must be two contiguous float32 arrays of shape ({height}, {width})")
     if backend == "numba" and k is not None and K[0, 1] == 0:
-        _run_kernel(B, k, K, out)
+        _run_kernel(new, turn, k, K, out)
     else:
-        _maps_by_reference(B, dist, model, K, out)
+        _maps_by_reference(inverse_of_new_camera(new, turn), dist, model, K, out)
     return out
 
 
-def _run_kernel(B: Float, k: Float, K: Float, out: tuple[Map, Map]) -> None:
+def _run_kernel(P: Float, R: Float, k: Float, K: Float, out: tuple[Map, Map]) -> None:
     from stereocal.camera.undistortion_kernels import lens_maps
 
     (fx, _, cx), (_, fy, cy), _ = K.tolist()
@@ -173,7 +175,9 @@ def _run_kernel(B: Float, k: Float, K: Float, out: tuple[Map, Map]) -> None:
         tilt = pixels[:, None] * tilt_matrix(*listed[12:]) / pixels
     # as many coefficients as count: five, eight, twelve, fourteen
     lens = (0,) * sum(any(listed[first:]) for first in (5, 8, 12))
-    lens_maps(B.ravel(), k, tilt.ravel(), fx, fy, cx, cy, lens, *out)
+    determinant = lens_maps(P, R, k, tilt, fx, fy, cx, cy, lens, *out)
+    if determinant == 0 or not isfinite(determinant):
+        raise InputError(_NO_INVERSE)
 
 
 def _maps_by_reference(B: Float, dist: ArrayLike | None, model: str, K: Float, out: tuple[Map, Map]) -> None:
@@ -359,7 +363,7 @@ def require_size(image: ArrayLike, camera: Camera, name: str) -> None:
 
 
 def inverse_of_new_camera(P: Float, R: Float) -> Float:
-    """Return (P R)⁻¹ by cofactors, in OpenCV's order of operations, so that maps agree to the last bit.
+    """Return (P R)⁻¹, which takes a pixel of the new camera to its ray in the old camera's frame.
 
     Parameters
     ----------
@@ -375,20 +379,11 @@ def inverse_of_new_camera(P: Float, R: Float) -> Float:
     InputError
         If P has no inverse.
     """
-    # M = P R, its rows (a b c), (d e f), (g h i); Python's floats are quicker one by one, and the same numbers
-    turned = list(zip(*R.tolist(), strict=True))
-    (a, b, c), (d, e, f), (g, h, i) = (
-        [p * x + q * y + r * z for x, y, z in turned] for p, q, r in P.tolist()
-    )  # fmt: skip
-    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    M = P @ R
+    determinant = float(np.linalg.det(M))
     if determinant == 0 or not isfinite(determinant):
-        raise InputError("the new camera matrix P has no inverse; its focal lengths must not be 0")
-    cofactors = (
-        (e * i - f * h, c * h - b * i, b * f - c * e),
-        (f * g - d * i, a * i - c * g, c * d - a * f),
-        (d * h - e * g, b * g - a * h, a * e - b * d),
-    )
-    return 1 / determinant * np.array(cofactors)
+        raise InputError(_NO_INVERSE)
+    return np.linalg.inv(M)
 
 
 def _left_square(P: ArrayLike) -> Float:

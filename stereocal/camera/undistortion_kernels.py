@@ -25,19 +25,39 @@ but by less: of 361 million values of random maps 2 differ from OpenCV's, by the
 
 from __future__ import annotations
 
+import numpy as np
 from numba import njit
 
 from stereocal.camera.vector_doubles import fill, lanes, multiply_add, store
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def lens_maps(B, k, tilt, fx, fy, cx, cy, lens, map_x, map_y):
+def _inverse(P, R):
+    """(P R)⁻¹ by cofactors, row by row, and the determinant: in OpenCV's order of operations, bit for bit."""
+    M = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            M[i, j] = P[i, 0] * R[0, j] + P[i, 1] * R[1, j] + P[i, 2] * R[2, j]
+    a, b, c = M[0]
+    d, e, f = M[1]
+    g, h, i = M[2]
+    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    s = 1 / determinant
+    first = s * (e * i - f * h), s * (c * h - b * i), s * (b * f - c * e)
+    second = s * (f * g - d * i), s * (a * i - c * g), s * (c * d - a * f)
+    third = s * (d * h - e * g), s * (b * g - a * h), s * (a * e - b * d)
+    return first + second + third, determinant
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def lens_maps(P, R, k, tilt, fx, fy, cx, cy, lens, map_x, map_y):
     """Maps of a lens of OpenCV's family.
 
-    B is (P R)⁻¹, row by row; k holds k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4; `tilt` is the homography of the sensor, row
-    by row, on coordinates that are f_x and f_y times the normalised ones. `lens` is a tuple whose LENGTH, known when
-    this is compiled, tells which coefficients count: 0 the first five, 1 the first eight, 2 all of k, 3 the tilt too.
+    k holds k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4; `tilt` is the homography of the sensor on coordinates that are f_x and
+    f_y times the normalised ones. `lens` is a tuple whose LENGTH, known when this is compiled, tells which coefficients
+    count: 0 the first five, 1 the first eight, 2 all of k, 3 the tilt too. Returns the determinant of P R.
     """
+    B, determinant = _inverse(P, R)
     height, width = map_x.shape
     flat_x, flat_y = map_x.reshape(-1), map_y.reshape(-1)
     f2, ratio = 1 / (fx * fx), fy / fx
@@ -68,9 +88,9 @@ def lens_maps(B, k, tilt, fx, fy, cx, cy, lens, map_x, map_y):
                 aside_x, aside_y = multiply_add(far_x, r2, near_x), multiply_add(far_y, r2, near_y)
             if len(lens) == 3:
                 xd, yd = multiply_add(x, g, aside_x * r2), multiply_add(y, g, aside_y * r2)
-                w = 1.0 / multiply_add(tilt[6], xd, multiply_add(tilt[7], yd, tilt[8]))
-                out_x = multiply_add(w, multiply_add(tilt[0], xd, multiply_add(tilt[1], yd, tilt[2])), cx)
-                out_y = multiply_add(w, multiply_add(tilt[3], xd, multiply_add(tilt[4], yd, tilt[5])), cy)
+                w = 1.0 / multiply_add(tilt[2, 0], xd, multiply_add(tilt[2, 1], yd, tilt[2, 2]))
+                out_x = multiply_add(w, multiply_add(tilt[0, 0], xd, multiply_add(tilt[0, 1], yd, tilt[0, 2])), cx)
+                out_y = multiply_add(w, multiply_add(tilt[1, 0], xd, multiply_add(tilt[1, 1], yd, tilt[1, 2])), cy)
             else:
                 out_x = multiply_add(x, g, multiply_add(aside_x, r2, cx))
                 out_y = multiply_add(y, g, multiply_add(aside_y, r2, cy))
@@ -78,3 +98,4 @@ def lens_maps(B, k, tilt, fx, fy, cx, cy, lens, map_x, map_y):
             store(out_y, flat_y, v * width + u, width - u)
             start_x, start_y = start_x + block_x, start_y + block_y
             start_w, start_g = start_w + block_w, start_g + block_g
+    return determinant
