@@ -383,7 +383,7 @@ def inverse_of_new_camera(P: Float, R: Float) -> Float:
     determinant = float(np.linalg.det(M))
     if determinant == 0 or not isfinite(determinant):
         raise InputError(_NO_INVERSE)
-    return np.linalg.inv(M)
+    return np.asarray(np.linalg.inv(M))
 
 
 def _left_square(P: ArrayLike) -> Float:

@@ -76,8 +76,6 @@ class Rectification:
         Width and height of the rectified pictures.
     axis : int
         0: epipolar lines are rows. 1: they are columns (a vertical rig).
-    warnings : list of str
-        What is odd about this rig and what to do about it, a sentence each; empty for a healthy one.
     """
 
     rig: StereoRig = field(repr=False)
@@ -90,7 +88,11 @@ class Rectification:
     roi2: tuple[int, ...]
     image_size: Size
     axis: int
-    warnings: list[str]
+
+    @cached_property
+    def warnings(self) -> list[str]:
+        """What is odd about this rig and what to do about it, a sentence each; empty for a healthy one."""
+        return rig_warnings(self) + view_warnings(self)
 
     @cached_property
     def _maps(self) -> tuple[Maps, Maps]:
@@ -287,10 +289,7 @@ def rectify(
             [0, 0, -1 / b, (frame.centres[0, axis] - frame.centres[1, axis]) / b],
         ]
     )
-    warnings = rig_warnings(rig, axis, b, turned.R2)
-    result = Rectification(rig, turned.R1, turned.R2, P1, P2, Q, *frame.rois, size, axis, warnings)
-    warnings += view_warnings(result)
-    return result
+    return Rectification(rig, turned.R1, turned.R2, P1, P2, Q, *frame.rois, size, axis)
 
 
 class _Frame(NamedTuple):

@@ -30,33 +30,27 @@ from stereocal.base.rotations import rotation_vector
 if TYPE_CHECKING:
     from stereocal.camera.model import Camera
     from stereocal.pair.rectification import Rectification
-    from stereocal.pair.rig import StereoRig
 
 _UPSIDE_DOWN, _ON_ITS_SIDE, _ALONG_VIEW, _CONVERGING = (float(np.radians(a)) for a in (135, 45, 40, 40))
 _LEAST_COMMON, _MOST_GHOSTS = 0.2, 0.01
 _GRID = 48
 
 
-def rig_warnings(rig: StereoRig, axis: int, baseline: float, R2: Float) -> list[str]:
+def rig_warnings(result: Rectification) -> list[str]:
     """Say what is odd about how the cameras stand.
 
     Parameters
     ----------
-    rig : StereoRig
-        The calibrated rig.
-    axis : int
-        0 for a horizontal rectified baseline, 1 for a vertical one.
-    baseline : float
-        Its signed length.
-    R2 : ndarray of shape (3, 3)
-        The right camera's rectifying rotation.
+    result : Rectification
+        What to look at.
 
     Returns
     -------
     list of str
         A sentence or two each; empty for a healthy rig.
     """
-    R, T = np.asarray(rig.R), np.ravel(rig.T)
+    R, T = np.asarray(result.rig.R), np.ravel(result.rig.T)
+    baseline = float((result.R2 @ T)[result.axis])
     roll = abs(float(rotation_vector(R)[2]))
     if roll > _UPSIDE_DOWN:
         return [
@@ -69,7 +63,7 @@ def rig_warnings(rig: StereoRig, axis: int, baseline: float, R2: Float) -> list[
             "axis). Turn its images by a quarter (numpy.rot90) and calibrate again with the turned images."
         ]
     said = []
-    if axis == 1:
+    if result.axis == 1:
         which = "below" if baseline > 0 else "above"
         said.append(
             f"The baseline is vertical (T = {_spelt(T)}; the first camera is {which} the second): epipolar lines are "
@@ -83,7 +77,7 @@ def rig_warnings(rig: StereoRig, axis: int, baseline: float, R2: Float) -> list[
             "nothing. Exchange the two: calibrate again with the folders exchanged (stereocal calibrate --swap)."
         )
     converging = float(np.arccos(np.clip(R[2, 2], -1, 1)))
-    aside = float(np.arccos(np.clip(R2[2, 2], -1, 1)))
+    aside = float(np.arccos(np.clip(result.R2[2, 2], -1, 1)))
     if converging > _CONVERGING:
         said.append(
             f"The optical axes differ by {np.degrees(converging):.0f}°: the rectified pictures are stretched and share "
