@@ -16,6 +16,8 @@ division            1      k [eq 16]                                            
 rational_function   18     W, 3×6, row by row [eq 17]                                   ``distortion_rational_function``
 ==================  =====  ===========================================================  =============================
 
+Where the model is not named, 8, 12 or 14 coefficients stand for rational, thin_prism or tilted, as in OpenCV.
+
 Pixels and the normalised plane are joined by p = K (x, 1): [u, v] = [fx x + s y + cx, fy y + cy].
 """
 
@@ -49,6 +51,8 @@ _CLASSES: tuple[type[DistortionModel], ...] = (
 MODELS: dict[str, DistortionModel] = {model.name: model() for model in _CLASSES}
 """Every distortion model by its name."""
 
+_FAMILY_BY_LENGTH = {8: "rational", 12: "thin_prism", 14: "tilted"}
+
 
 def distortion_model(name: str) -> DistortionModel:
     """Return the model of that name.
@@ -70,6 +74,25 @@ def distortion_model(name: str) -> DistortionModel:
     if not isinstance(name, str) or name not in MODELS:
         raise InputError(f"model must be one of {', '.join(MODELS)}, not {name!r}")
     return MODELS[name]
+
+
+def model_meant(dist: ArrayLike | None, model: str) -> str:
+    """Return the model that coefficients are of: OpenCV tells its models by their number, 5, 8, 12 or 14.
+
+    Parameters
+    ----------
+    dist : array_like or None
+        Coefficients.
+    model : str
+        What the caller says. Only ``"brown"``, the default everywhere, is open to correction, and only by 8, 12 or 14
+        numbers of which one beyond the fifth is not 0.
+
+    Returns
+    -------
+    str
+    """
+    longer = _FAMILY_BY_LENGTH.get(int(np.size(dist))) if model == "brown" and dist is not None else None
+    return longer if longer is not None and np.any(np.ravel(np.asarray(dist))[5:]) else model
 
 
 def as_distortion(dist: ArrayLike | None, model: str = "brown") -> Float:
@@ -126,6 +149,7 @@ def distort_normalized(x: ArrayLike, dist: ArrayLike | None, model: str = "brown
     ndarray of shape (N, 2)
         NaN where the model has no answer (backward models, outside of their domain).
     """
+    model = model_meant(dist, model)
     return distortion_model(model).distort(as_points(x, 2, "x", finite=False), as_distortion(dist, model))
 
 
@@ -143,8 +167,8 @@ def undistort_normalized(
     model : str
         A key of :data:`MODELS`.
     backend : {"numba", "numpy"}
-        The compiled kernel, where the model has one (pinhole, polynomial, brown, rational, thin_prism, fisheye), or
-        the reference in NumPy. They agree to 1e-12.
+        The compiled kernel, where the model has one (pinhole, fisheye and OpenCV's family), or the reference in NumPy.
+        They agree to 1e-12.
 
     Returns
     -------
@@ -153,6 +177,7 @@ def undistort_normalized(
         ``distortion_inverse``): ``np.isnan(result[:, 0])`` is the mask.
     """
     require_choice(backend, ("numba", "numpy"), "backend")
+    model = model_meant(dist, model)
     chosen = distortion_model(model)
     undistort = chosen.undistort_compiled if backend == "numba" else chosen.undistort
     return undistort(as_points(x, 2, "x", finite=False), as_distortion(dist, model))

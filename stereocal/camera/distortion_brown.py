@@ -64,12 +64,12 @@ class Brown(ForwardModel):
             return x_d * np.where(r_d > 0, r / np.where(r_d > 0, r_d, 1.0), 1.0)[:, None]
 
     def undistort_compiled(self, x_d: Float, k: Float) -> Float:
-        """Return the same as `undistort`, from a kernel; a tilted sensor has none."""
+        """Return the same as `undistort`, from a kernel, the tilt of the sensor undone first."""
         from stereocal.camera.distortion_inverse_kernels import invert_brown_kernel
 
         k = _padded(k)
         if np.any(k[12:]):
-            return self.undistort(x_d, k)
+            x_d = _untilted(x_d, k[12], k[13])
         if not np.any(k[_NOT_RADIAL]):
             return invert_radial_compiled(x_d, np.array([k[0], k[1], k[4]]), k[5:8], radial_limit(k))
         x = np.empty_like(x_d, order="C")
@@ -194,6 +194,14 @@ def _tilted(x_d: Float, tau_x: float, tau_y: float) -> Float:
     M, _, _ = _tilt_matrix(tau_x, tau_y)
     h = x_d @ M[:, :2].T + M[:, 2]
     return h[:, :2] / h[:, 2:]
+
+
+def _untilted(x_d: Float, tau_x: float, tau_y: float) -> Float:
+    """Before the tilt, a homography M: M⁻¹ (x_d, 1); NaN beyond the line that the tilted sensor sees at infinity."""
+    M, _, _ = _tilt_matrix(tau_x, tau_y)
+    with np.errstate(invalid="ignore"):
+        h = np.column_stack([x_d, np.ones(len(x_d))]) @ np.linalg.inv(M).T
+        return np.where(h[:, 2:] > 0, h[:, :2] / h[:, 2:], np.nan)
 
 
 def _tilt_jacobians(x_d: Float, tau_x: float, tau_y: float) -> tuple[Float, Float, Float]:

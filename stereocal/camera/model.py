@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stereocal.base.checks import Float, as_camera_matrix, as_image_size
-from stereocal.camera.distortion import as_distortion, distort_points, distortion_model, undistort_points
+from stereocal.camera.distortion import as_distortion, distort_points, distortion_model, model_meant, undistort_points
 from stereocal.camera.projection import project_points
 
 
@@ -32,7 +32,8 @@ class Camera:
         Width and height, pixels.
     model : str
         Distortion model: pinhole, polynomial, brown, rational, thin_prism, tilted, fisheye, fov, division,
-        rational_function (see ``distortion``).
+        rational_function (see ``distortion``). Where it is not named, 8, 12 or 14 coefficients are taken for rational,
+        thin_prism or tilted, as in OpenCV.
 
     Raises
     ------
@@ -53,6 +54,7 @@ class Camera:
 
     def __init__(self, K: ArrayLike, dist: ArrayLike | None, image_size: tuple[int, int], model: str = "brown") -> None:
         matrix = as_camera_matrix(K).copy()
+        model = model_meant(dist, model)
         k = as_distortion(dist, model).copy()
         matrix.flags.writeable = k.flags.writeable = False
         object.__setattr__(self, "K", matrix)

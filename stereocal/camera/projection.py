@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from stereocal.base.checks import Float, as_array, as_camera_matrix, as_points
 from stereocal.base.rotations import rotation_matrix, rotation_matrix_jacobian
-from stereocal.camera.distortion import as_distortion, distortion_model, to_pixels
+from stereocal.camera.distortion import as_distortion, distortion_model, model_meant, to_pixels
 
 
 @overload
@@ -59,7 +59,7 @@ def project_points(
     dist : array_like or None
         Coefficients of the model.
     model : str
-        Distortion model, see ``distortion``.
+        Distortion model, see ``distortion``; 8, 12 or 14 coefficients need no name, as in OpenCV.
     jacobian : bool
         Whether to return the derivatives too.
 
@@ -89,8 +89,8 @@ def project_points(
     array([[344.9066, 289.8133]])
     """
     X = as_points(object_points, 3, "object_points")
-    r = as_array(np.ravel(np.asarray(rvec, dtype=np.float64)), (3,), "rvec")
-    t = as_array(np.ravel(np.asarray(tvec, dtype=np.float64)), (3,), "tvec")
+    r, t = as_array(_flat(rvec), (3,), "rvec"), as_array(_flat(tvec), (3,), "tvec")
+    model = model_meant(dist, model)
     matrix, k = as_camera_matrix(K), as_distortion(dist, model)
     lens = distortion_model(model)
     X_c = X @ rotation_matrix(r).T + t
@@ -109,7 +109,13 @@ def project_points(
     J[:, 0, 6], J[:, 1, 7] = x_d[:, 0], x_d[:, 1]
     J[:, 0, 8] = J[:, 1, 9] = 1
     J[:, :, 10:] = A @ D_k
-    return to_pixels(x_d, matrix), J.reshape(2 * len(X), -1)
+    return to_pixels(x_d, matrix), J.reshape(2 * len(X), J.shape[2])
+
+
+def _flat(vector: ArrayLike) -> ArrayLike:
+    """A vector in any of OpenCV's shapes, (3,), (3, 1), (1, 3) or (1, 1, 3), in a row; anything else as it is."""
+    shape = np.shape(vector)
+    return np.ravel(np.asarray(vector)) if sum(n > 1 for n in shape) <= 1 else vector
 
 
 def perspective_jacobian(x: Float, Z: Float) -> Float:

@@ -54,8 +54,9 @@ def opencv_coefficients(dist: ArrayLike | None, model: str) -> Float | None:
     -------
     ndarray of shape (14,) or None
     """
-    from stereocal.camera.distortion import as_distortion
+    from stereocal.camera.distortion import as_distortion, model_meant
 
+    model = model_meant(dist, model)
     given = as_distortion(dist, model)
     if model not in OPENCV_FAMILY:
         return None

@@ -129,7 +129,7 @@ def test_beyond_the_turning_point_there_is_no_answer(k1: float, angle: float, r_
             assert np.hypot(*x[0]) < radial_limit(np.array([k1]))
 
 
-@pytest.mark.parametrize("name", ["pinhole", "polynomial", "brown", "rational", "thin_prism", "fisheye"])
+@pytest.mark.parametrize("name", ["pinhole", "polynomial", "brown", "rational", "thin_prism", "tilted", "fisheye"])
 @settings(max_examples=12)
 @given(seeds, st.booleans())
 def test_inverse_kernel_equals_its_reference(name: str, seed: int, radial: bool) -> None:
