@@ -41,15 +41,10 @@ NAMES_OF_MODULE = {
         "sampson_distance",
         "symmetric_epipolar_distance",
     ),
-    "stereocal.pair.essential": (
-        "decompose_essential",
-        "fit_essential",
-        "fit_essential_detailed",
-        "project_to_essential",
-        "recover_pose",
-    ),
+    "stereocal.pair.essential": ("fit_essential", "fit_essential_detailed"),
     "stereocal.pair.fundamental": ("fit_fundamental", "fit_fundamental_detailed", "fundamental_from_seven"),
     "stereocal.pair.rectification": ("Rectification", "rectify"),
+    "stereocal.pair.relative_pose": ("decompose_essential", "project_to_essential", "recover_pose"),
     "stereocal.pair.rig": ("StereoRig",),
     "stereocal.pair.stereo_calibration": ("StereoCalibration", "calibrate_stereo"),
     "stereocal.pair.uncalibrated": ("rectify_uncalibrated",),
@@ -68,6 +63,7 @@ NAMES_OF_MODULE = {
     "stereocal.store.images": ("read_image",),
     "stereocal.sweep.disparity_sweep": ("sweep_disparity",),
     "stereocal.synthetic.rig": ("SyntheticRig", "render_rig"),
+    "stereocal.verify.bench": ("run_benchmarks",),
     "stereocal.verify.second_opinion": ("crosscheck",),
 }
 

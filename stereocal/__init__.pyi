@@ -34,16 +34,16 @@ from stereocal.pair.epipolar import epipolar_lines as epipolar_lines
 from stereocal.pair.epipolar import epipoles as epipoles
 from stereocal.pair.epipolar import sampson_distance as sampson_distance
 from stereocal.pair.epipolar import symmetric_epipolar_distance as symmetric_epipolar_distance
-from stereocal.pair.essential import decompose_essential as decompose_essential
 from stereocal.pair.essential import fit_essential as fit_essential
 from stereocal.pair.essential import fit_essential_detailed as fit_essential_detailed
-from stereocal.pair.essential import project_to_essential as project_to_essential
-from stereocal.pair.essential import recover_pose as recover_pose
 from stereocal.pair.fundamental import fit_fundamental as fit_fundamental
 from stereocal.pair.fundamental import fit_fundamental_detailed as fit_fundamental_detailed
 from stereocal.pair.fundamental import fundamental_from_seven as fundamental_from_seven
 from stereocal.pair.rectification import Rectification as Rectification
 from stereocal.pair.rectification import rectify as rectify
+from stereocal.pair.relative_pose import decompose_essential as decompose_essential
+from stereocal.pair.relative_pose import project_to_essential as project_to_essential
+from stereocal.pair.relative_pose import recover_pose as recover_pose
 from stereocal.pair.rig import StereoRig as StereoRig
 from stereocal.pair.stereo_calibration import StereoCalibration as StereoCalibration
 from stereocal.pair.stereo_calibration import calibrate_stereo as calibrate_stereo
@@ -73,6 +73,7 @@ from stereocal.store.images import read_image as read_image
 from stereocal.sweep.disparity_sweep import sweep_disparity as sweep_disparity
 from stereocal.synthetic.rig import SyntheticRig as SyntheticRig
 from stereocal.synthetic.rig import render_rig as render_rig
+from stereocal.verify.bench import run_benchmarks as run_benchmarks
 from stereocal.verify.second_opinion import crosscheck as crosscheck
 
 __version__: str

@@ -11,6 +11,7 @@
 ``two_view_solvers``        F from eight or seven points, E from five
 ``two_view_models``         F in seven numbers, a motion in five: what a refinement may change
 ``two_view_refinement``     Gold-Standard refinement of F and of R, t, among outliers too
+``two_view_modes``          several maxima of the likelihood, and one answer: their mean
 ``two_view_options``        the options that the fits of F and of E share
 ``two_view_degeneracy``     matches that determine nothing, by name: planes, pure rotation, copies
 ``consensus``               a model from matches of which many are wrong: MSAC, LMedS
@@ -23,5 +24,6 @@
 ``rectification_advice``    what is odd about a rig, in words
 ``search_direction``        swapped and vertical rigs: pictures turned so that every matcher finds the partner
 ``uncalibrated``            rectification from points and F alone (Hartley)
+``…_kernels``               the compiled twins of the module whose name they bear
 ==========================  ==============================================================================
 """

@@ -1,55 +1,52 @@
-"""The essential matrix: epipolar geometry of rays, and the motion within it [eq 21].
+"""The essential matrix: epipolar geometry of rays [eq 21].
 
 With known camera matrices a pixel x is a ray x̂ = K⁻¹ (x, 1)ᵀ, and the epipolar constraint of two rays is
 
     x̂'ᵀ E x̂ = 0,      E = [t]ₓ R,      F = K_right⁻ᵀ E K_left⁻¹,
 
-which is what the paper's [eq 21] means: E relates rays, not poses. E has five degrees of freedom, three of the rotation
-and two of the direction t; how far the cameras are apart cannot be seen. Its singular values are (1, 1, 0) up to scale,
-and the nearest such matrix to a given one, U diag(1, 1, 0) Vᵀ, is its *projection onto the essential manifold*.
+which is what the paper's [eq 21] means: E relates rays, not poses. What is in it, and how the motion is told from it,
+is in ``relative_pose``.
 
-**Four motions.** With E = U diag(1, 1, 0) Vᵀ, W a quarter turn about z,
+============  =======================================================================================
+``8point``    linear; all matches are good, and the scene is not a plane
+``5point``    all are good, five or more of them, a plane too: a chessboard will do. Samples of five,
+              the one that all matches like best, then the refinement of R and t
+``lmeds``     up to half are wrong, and the noise level is not known
+``ransac``    many are wrong, and good ones are within `threshold` pixels
+============  =======================================================================================
 
-    R₁ = U W Vᵀ,    R₂ = U Wᵀ Vᵀ,    t = ± u₃,
+Distances are those in the pictures, in pixels, though the unknowns are R and t. Cameras that only turned have no E and
+are refused by name (``two_view_degeneracy``).
 
-all give E up to sign. They differ by turning one camera half about the baseline and by exchanging the sides. Only one
-of them has the points in front of both cameras (*cheirality*), and :func:`recover_pose` takes the one that has most.
-
-**From how many points?** ``8point`` is linear, and fails on a plane like F does. ``5point`` takes five or more: samples
-of five, the consensus of all, then the refinement of R and t. It works on a plane, a chessboard too. ``ransac`` is the
-same with outliers allowed for; ``lmeds`` needs no threshold.
-
-Sources: H. C. Longuet-Higgins, Nature 293 (1981); R. Hartley, A. Zisserman, *Multiple View Geometry* (2004), section
-9.6; D. Nistér, PAMI 26 (2004).
+Sources: H. C. Longuet-Higgins, Nature 293 (1981); R. Hartley, A. Zisserman, *Multiple View Geometry* (2004), chapter
+11; D. Nistér, PAMI 26 (2004).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stereocal.base.checks import (
-    Float,
-    as_array,
-    as_camera_matrix,
-    require_choice,
-    require_integer,
-    require_positive,
-)
-from stereocal.base.errors import DegenerateGeometryError, InputError
-from stereocal.base.homogeneous import cross_matrix, to_homogeneous
-from stereocal.pair.consensus import Consensus, find_consensus
+from stereocal.base.checks import Float
+from stereocal.base.homogeneous import cross_matrix
+from stereocal.pair.consensus import MinimalProblem, find_consensus
 from stereocal.pair.epipolar import point_pairs, sampson_distance
-from stereocal.pair.fundamental import refuse_homography, require_distinct
-from stereocal.pair.two_view_refinement import RefinedMotion, refine_among_outliers, refine_motion
-from stereocal.pair.two_view_solvers import eight_point, five_point, normalizing_transform
+from stereocal.pair.relative_pose import ahead_of_motions, camera_matrices, project_to_essential, rays_of, recover_pose
+from stereocal.pair.two_view_degeneracy import refuse_homography, refuse_turn, require_distinct
+from stereocal.pair.two_view_models import TwoViewModel, essential_model, motion_model
+from stereocal.pair.two_view_modes import Answer
+from stereocal.pair.two_view_options import TwoViewOptions
+from stereocal.pair.two_view_refinement import refine_model
+from stereocal.pair.two_view_solvers import eight_point, minimal_models, normalizing_transform
 
 METHODS = ("8point", "5point", "lmeds", "ransac")
-_TURN_FACTOR = 3.0
-_EXACT = 1e-9
+# Without outliers to fear (5point) so few draws will do, and the threshold is so far off that all matches vote.
+_DRAWS_OF_GOOD, _WIDE = 128, 1e3
+# Draws at once: with 40 % outliers one sample of five in 13 is good.
+_STACK = 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,38 +80,6 @@ class EssentialFit:
     iterations: int
 
 
-class RelativePose(NamedTuple):
-    """R and the unit vector t, X_right ∝ R X_left + t, and which points lie in front of both cameras."""
-
-    R: Float
-    t: Float
-    inliers: NDArray[np.bool_]
-
-
-def project_to_essential(E: ArrayLike) -> Float:
-    """Return U diag(1, 1, 0) Vᵀ, the essential matrix nearest to E up to scale.
-
-    Parameters
-    ----------
-    E : array_like of shape (3, 3)
-
-    Returns
-    -------
-    ndarray of shape (3, 3)
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import stereocal as sc
-    >>> sc.project_to_essential(np.diag([3.0, 1.0, 0.5])).round(6) + 0.0
-    array([[1., 0., 0.],
-           [0., 1., 0.],
-           [0., 0., 0.]])
-    """
-    U, _, Vt = np.linalg.svd(as_array(E, (3, 3), "E"))
-    return np.asarray(U[:, :2] @ Vt[:2])
-
-
 def fit_essential(
     left_points: ArrayLike,
     right_points: ArrayLike,
@@ -127,6 +92,7 @@ def fit_essential(
     max_iterations: int = 10_000,
     seed: int = 0,
     refine: bool | None = None,
+    backend: str = "numba",
 ) -> Float:
     """Fit E to matching rays, x̂_rightᵀ E x̂_left = 0 [eq 21].
 
@@ -145,6 +111,8 @@ def fit_essential(
         See :func:`stereocal.fit_fundamental`.
     refine : bool, optional
         Whether to end with the refinement of R and t; by default all but ``8point`` do.
+    backend : {"numba", "numpy"}
+        The compiled kernels, or their readable twins.
 
     Returns
     -------
@@ -175,18 +143,8 @@ def fit_essential(
     >>> np.linalg.svd(E / np.linalg.norm(E), compute_uv=False).round(6)
     array([0.707107, 0.707107, 0.      ])
     """
-    return fit_essential_detailed(
-        left_points,
-        right_points,
-        K_left,
-        K_right,
-        method=method,
-        threshold=threshold,
-        confidence=confidence,
-        max_iterations=max_iterations,
-        seed=seed,
-        refine=refine,
-    ).E
+    options = TwoViewOptions(method, threshold, confidence, max_iterations, seed, refine, backend)
+    return _fit(left_points, right_points, K_left, K_right, options).E
 
 
 def fit_essential_detailed(
@@ -194,20 +152,16 @@ def fit_essential_detailed(
     right_points: ArrayLike,
     K_left: ArrayLike | None = None,
     K_right: ArrayLike | None = None,
-    *,
-    method: str = "8point",
-    threshold: float | None = None,
-    confidence: float = 0.999,
-    max_iterations: int = 10_000,
-    seed: int = 0,
-    refine: bool | None = None,
+    **options: Any,
 ) -> EssentialFit:
     """Fit E as :func:`fit_essential` does, and tell the motion, the inliers, the errors and the covariance.
 
     Parameters
     ----------
-    left_points, right_points, K_left, K_right, method, threshold, confidence, max_iterations, seed, refine
+    left_points, right_points, K_left, K_right
         See :func:`fit_essential`.
+    **options
+        `method`, `threshold`, … as in :func:`fit_essential`, with the same defaults.
 
     Returns
     -------
@@ -236,262 +190,78 @@ def fit_essential_detailed(
     >>> int(fit.inliers.sum()), bool(fit.rms < 1e-6)
     (20, True)
     """
-    require_choice(method, METHODS, "method")
-    minimum = 8 if method == "8point" else 5
-    left, right = point_pairs(left_points, right_points, minimum)
-    first, second = _matrices(K_left, K_right)
-    reach = require_positive(threshold or (0.002 if K_left is None else 1.0), "threshold")
-    require_integer(max_iterations, "max_iterations", minimum=1)
-    if not 0 < confidence < 1:
-        raise InputError(f"confidence must be between 0 and 1, but is {confidence:g}")
-    require_distinct(left, right, minimum, "E")
-    rays, other = _rays(left, first), _rays(right, second)
-    refuse_turn(rays, other, np.zeros(len(left)), first)
-    to_F = (np.asarray(np.linalg.inv(second).T), np.asarray(np.linalg.inv(first)))
-    inliers, iterations = np.ones(len(left), dtype=bool), 0
-    if method == "8point":
-        T1, T2 = normalizing_transform(rays[:, :2]), normalizing_transform(other[:, :2])
-        E = T2.T @ eight_point(rays @ T1.T, other @ T2.T) @ T1
-        refuse_homography(left, right, to_F[0] @ E @ to_F[1])
-        E = project_to_essential(E)
-    else:
-        # without outliers to fear (5point) the threshold is wide open: all matches vote with their distance
-        wide = 1e3 * reach if method == "5point" else reach
-        found = _sample(left, right, rays, other, to_F, method, wide, confidence, max_iterations, seed)
-        E = project_to_essential(first_to_rays(found.F, first, second))
-        reach, iterations = found.threshold, found.iterations
-        inliers = inliers if method == "5point" else found.inliers
-    refuse_turn(
-        rays[inliers], other[inliers], sampson_distance(left[inliers], right[inliers], to_F[0] @ E @ to_F[1]), first
-    )
-    pose = recover_pose(E, left[inliers], right[inliers], first, second)
-    R, t, covariance = pose.R, pose.t, np.full((5, 5), np.nan)
-    if refine or (refine is None and method != "8point"):
-        if method in ("8point", "5point"):
-            refined = refine_motion(R, t, left, right, first, second)
-        else:
-
-            def among_outliers(R: Float, t: Float) -> tuple[RefinedMotion, Float, float]:
-                return refine_among_outliers(
-                    RefinedMotion(R, t, covariance, 0.0),
-                    lambda model, w: refine_motion(model.R, model.t, left, right, first, second, w, max_iterations=8),
-                    lambda model: to_F[0] @ cross_matrix(model.t) @ model.R @ to_F[1],
-                    left,
-                    right,
-                    reach,
-                )
-
-            refined, weights, likeliest = among_outliers(R, t)
-            # the likelihood has several maxima: another search may end in a higher one
-            again = _sample(left, right, rays, other, to_F, method, reach, confidence, max_iterations, seed + 1)
-            iterations += again.iterations
-            E = project_to_essential(first_to_rays(again.F, first, second))
-            pose = recover_pose(E, left[again.inliers], right[again.inliers], first, second)
-            second_try = among_outliers(pose.R, pose.t)
-            if second_try[2] > likeliest:
-                refined, weights, _ = second_try
-            inliers = weights > 0.5
-        R, t, covariance = refined.R, refined.t, refined.covariance
-        E = cross_matrix(t) @ R
-    rms = float(np.sqrt(np.mean(sampson_distance(left[inliers], right[inliers], to_F[0] @ E @ to_F[1]))))
-    return EssentialFit(E, R, t, inliers, rms, covariance, iterations)
+    return _fit(left_points, right_points, K_left, K_right, TwoViewOptions(**options))
 
 
-def first_to_rays(F: Float, K_left: Float, K_right: Float) -> Float:
-    """Return E = K_rightᵀ F K_left.
-
-    Parameters
-    ----------
-    F, K_left, K_right : ndarray of shape (3, 3)
-
-    Returns
-    -------
-    ndarray of shape (3, 3)
-    """
-    return np.asarray(K_right.T @ F @ K_left)
-
-
-def _sample(
-    left: Float,
-    right: Float,
-    rays: Float,
-    other: Float,
-    to_F: tuple[Float, Float],
-    method: str,
-    threshold: float,
-    confidence: float,
-    max_iterations: int,
-    seed: int,
-) -> Consensus:
-    """Consensus over samples of five rays, judged in pixels."""
-    K = np.asarray(np.linalg.inv(to_F[1])), np.asarray(np.linalg.inv(to_F[0].T))
-
-    def refit(mask: NDArray[np.bool_], F: Float) -> Float | None:
-        if mask.sum() < 6:
-            return None
-        pose = recover_pose(project_to_essential(first_to_rays(F, *K)), left[mask], right[mask], *K)
-        refined = refine_motion(pose.R, pose.t, left[mask], right[mask], *K, max_iterations=4)
-        return np.asarray(to_F[0] @ cross_matrix(refined.t) @ refined.R @ to_F[1])
-
-    return find_consensus(
-        left,
-        right,
-        solve=lambda samples: to_F[0] @ five_point(rays[samples], other[samples])[0] @ to_F[1],
-        sample_size=5,
-        refit=refit,
-        score="lmeds" if method == "lmeds" else "msac",
-        threshold=threshold,
-        confidence=confidence,
-        max_iterations=100 if method == "5point" else max_iterations,
-        seed=seed,
-    )
-
-
-def refuse_turn(rays: Float, other: Float, squared_distances: Float, K: Float) -> None:
-    """Refuse matches that a rotation alone explains as well as E does.
-
-    Parameters
-    ----------
-    rays, other : ndarray of shape (N, 3)
-        Rays of the left and the right camera, z = 1.
-    squared_distances : ndarray of shape (N,)
-        Of the matches from E, pixels².
-    K : ndarray of shape (3, 3)
-        Of the left camera, which turns angles into pixels.
-
-    Raises
-    ------
-    DegenerateGeometryError
-        Pure rotation: there is no baseline, t is not determined.
-    """
-    a = rays / np.linalg.norm(rays, axis=1, keepdims=True)
-    b = other / np.linalg.norm(other, axis=1, keepdims=True)
-    U, _, Vt = np.linalg.svd(b.T @ a)
-    R = U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
-    angles = np.linalg.norm(np.cross(a @ R.T, b), axis=1)
-    by_turn = float(np.sqrt(np.mean(angles**2)) * np.sqrt(K[0, 0] * K[1, 1]))
-    by_E = float(np.sqrt(np.mean(squared_distances)))
-    if by_turn <= _TURN_FACTOR * by_E + _EXACT * np.sqrt(K[0, 0] * K[1, 1]):
-        raise DegenerateGeometryError(
-            f"a rotation explains the matches as well as E does ({by_turn:.2g} px against {by_E:.2g} px): the camera "
-            "only turned (pure rotation), or all points are too far for this baseline; t is not determined"
-        )
-
-
-def decompose_essential(E: ArrayLike) -> tuple[Float, Float, Float]:
-    """Return R₁, R₂ and t: the four motions of E are (R₁, ±t) and (R₂, ±t).
-
-    Parameters
-    ----------
-    E : array_like of shape (3, 3)
-        An essential matrix, of any scale and sign.
-
-    Returns
-    -------
-    R1, R2 : ndarray of shape (3, 3)
-        U W Vᵀ and U Wᵀ Vᵀ.
-    t : ndarray of shape (3,)
-        u₃, unit length.
-
-    Notes
-    -----
-    Paper: [eq 21]. Answers to ``cv2.decomposeEssentialMat`` (agreement 1e-12 up to exchange and sign).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import stereocal as sc
-    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
-    >>> rig = sc.StereoRig(sc.Camera(K, None, (640, 480)), sc.Camera(K, None, (640, 480)), np.eye(3), [-60.0, 0, 0])
-    >>> X = np.random.default_rng(0).uniform([-200, -150, 500], [200, 150, 900], (20, 3))
-    >>> left, right = rig.left.project(X), rig.right.project(X, [0, 0, 0], rig.T)
-    >>> R1, R2, t = sc.decompose_essential(rig.E)
-    >>> bool(min(abs(R1 - rig.R).max(), abs(R2 - rig.R).max()) < 1e-9)
-    True
-    >>> abs(t).round(6)
-    array([1., 0., 0.])
-    """
-    U, _, Vt = np.linalg.svd(as_array(E, (3, 3), "E"))
-    U = U if np.linalg.det(U) > 0 else -U
-    Vt = Vt if np.linalg.det(Vt) > 0 else -Vt
-    W = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
-    return U @ W @ Vt, U @ W.T @ Vt, U[:, 2]
-
-
-def recover_pose(
-    E: ArrayLike,
+def _fit(
     left_points: ArrayLike,
     right_points: ArrayLike,
-    K_left: ArrayLike | None = None,
-    K_right: ArrayLike | None = None,
-) -> RelativePose:
-    """Choose the motion of E for which most points lie in front of both cameras (cheirality).
-
-    Parameters
-    ----------
-    E : array_like of shape (3, 3)
-        An essential matrix.
-    left_points, right_points : array_like of shape (N, 2)
-        Matching points: undistorted pixels with `K_left` and `K_right`, or normalised coordinates without.
-    K_left, K_right : array_like of shape (3, 3), optional
-        Camera matrices; the right one defaults to the left one.
-
-    Returns
-    -------
-    RelativePose
-        R, t, inliers.
-
-    Notes
-    -----
-    Paper: [eq 21]. Answers to ``cv2.recoverPose`` (agreement 1e-9), which besides calls points further than 50
-    baselines outliers.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import stereocal as sc
-    >>> K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
-    >>> rig = sc.StereoRig(sc.Camera(K, None, (640, 480)), sc.Camera(K, None, (640, 480)), np.eye(3), [-60.0, 0, 0])
-    >>> X = np.random.default_rng(0).uniform([-200, -150, 500], [200, 150, 900], (20, 3))
-    >>> left, right = rig.left.project(X), rig.right.project(X, [0, 0, 0], rig.T)
-    >>> pose = sc.recover_pose(rig.E, left, right, K, K)
-    >>> pose.t.round(6) + 0.0
-    array([-1.,  0.,  0.])
-    >>> int(pose.inliers.sum())
-    20
-    """
-    left, right = point_pairs(left_points, right_points, 1)
-    first, second = _matrices(K_left, K_right)
-    x, xp = _rays(left, first), _rays(right, second)
-    R1, R2, t = decompose_essential(E)
-    best: RelativePose | None = None
-    for R, translation in ((R1, t), (R2, t), (R1, -t), (R2, -t)):
-        depth_left, depth_right = _depths(x, xp, R, translation)
-        good = (depth_left > 0) & (depth_right > 0)
-        if best is None or good.sum() > best.inliers.sum():
-            best = RelativePose(R, translation, good)
-    assert best is not None
-    return best
+    K_left: ArrayLike | None,
+    K_right: ArrayLike | None,
+    options: TwoViewOptions,
+) -> EssentialFit:
+    """Fit E as the options say."""
+    options = options.checked(METHODS, 0.002 if K_left is None else 1.0)
+    minimum = 8 if options.method == "8point" else 5
+    left, right = point_pairs(left_points, right_points, minimum)
+    K, K_other = camera_matrices(K_left, K_right)
+    inverse, inverse_other = np.asarray(np.linalg.inv(K)), np.asarray(np.linalg.inv(K_other))
+    require_distinct(left, right, minimum, "E")
+    rays, other = rays_of(left, K), rays_of(right, K_other)
+    refuse_turn(rays, other, np.zeros(len(left)), K)
+    points = np.ascontiguousarray(np.hstack([left, right]).T)
+    inliers, iterations, answer = np.ones(len(left), dtype=bool), 0, None
+    if options.method == "8point":
+        T1, T2 = normalizing_transform(rays[:, :2]), normalizing_transform(other[:, :2])
+        E = T2.T @ eight_point(rays @ T1.T, other @ T2.T) @ T1
+        refuse_homography(left, right, inverse_other.T @ E @ inverse)
+        E = project_to_essential(E)
+        if options.refines:
+            refined = refine_model(essential_model(E, inverse_other, inverse), points)
+            answer = Answer(refined.model, refined.weights, refined.cost, np.zeros((9, 9)))
+    else:
+        good = options.method == "5point"
+        search = options
+        if good:
+            search = replace(options, threshold=_WIDE * options.reach, max_iterations=_DRAWS_OF_GOOD)
+        problem = _problem(rays, other, inverse, inverse_other, options.backend)
+        found = find_consensus(points, problem, search, outliers=not good)
+        E, iterations, answer = project_to_essential(K_other.T @ found.F @ K), found.iterations, found.answer
+        inliers = inliers if good else found.inliers
+    if answer is not None:
+        E, inliers = project_to_essential(K_other.T @ answer.model.F @ K), answer.weights > 0.5
+    R, t, _ = recover_pose(E, left[inliers], right[inliers], K, K_other)
+    E = cross_matrix(t) @ R
+    distances = sampson_distance(left[inliers], right[inliers], inverse_other.T @ E @ inverse)
+    refuse_turn(rays[inliers], other[inliers], distances, K)
+    covariance = np.full((5, 5), np.nan)
+    if answer is not None:
+        covariance = _covariance(answer, motion_model(R, t, inverse_other, inverse), points, options.backend)
+    return EssentialFit(E, R, t, inliers, float(np.sqrt(np.mean(distances))), covariance, iterations)
 
 
-def _depths(x: Float, xp: Float, R: Float, t: Float) -> tuple[Float, Float]:
-    """Return λ and λ' of λ' x' = λ R x + t, in the least-squares sense: the points' depths in both cameras."""
-    turned = x @ R.T
-    aa, bb, ab = np.sum(turned**2, axis=1), np.sum(xp**2, axis=1), np.sum(turned * xp, axis=1)
-    at, bt = turned @ t, xp @ t
-    determinant = np.maximum(aa * bb - ab * ab, 1e-300)
-    return (ab * bt - bb * at) / determinant, (aa * bt - ab * at) / determinant
+def _problem(rays: Float, other: Float, inverse: Float, inverse_other: Float, backend: str) -> MinimalProblem:
+    """Samples of five rays, judged in pixels."""
+
+    def behind(model: TwoViewModel, weights: Float) -> int:
+        good = weights > 0.5
+        in_front = ahead_of_motions(model.R, model.t, rays[good], other[good])
+        return int(good.sum() - in_front.sum(axis=1).max(initial=0))
+
+    return MinimalProblem(
+        sample_size=5,
+        solve=lambda samples: minimal_models(rays, other, samples, backend=backend),
+        to_pixels=np.asarray(np.kron(inverse_other, inverse), dtype=np.float64),
+        model=lambda core: essential_model(core, inverse_other, inverse),
+        behind=behind,
+        stack=_STACK,
+    )
 
 
-def _matrices(K_left: ArrayLike | None, K_right: ArrayLike | None) -> tuple[Float, Float]:
-    if K_left is None:
-        if K_right is not None:
-            raise InputError("K_right is given without K_left; give both, or normalised coordinates and neither")
-        return np.eye(3), np.eye(3)
-    first = as_camera_matrix(K_left, "K_left")
-    return first, first if K_right is None else as_camera_matrix(K_right, "K_right")
-
-
-def _rays(points: Float, K: Float) -> Float:
-    """Return K⁻¹ (x, 1)ᵀ, z = 1."""
-    return np.asarray(to_homogeneous(points) @ np.linalg.inv(K).T)
+def _covariance(answer: Answer, model: TwoViewModel, points: Float, backend: str) -> Float:
+    """Of ω and τ, for the noise that the residuals show, with the modes' spread in these coordinates."""
+    inverse = refine_model(model, points, answer.weights, rounds=0, backend=backend).covariance
+    freedom = float(answer.weights.sum()) - model.freedom
+    variance = answer.cost / freedom if freedom > 0 else np.nan
+    back = np.linalg.pinv(model.derivatives())
+    return np.asarray(variance * inverse + back.T @ answer.spread @ back)

@@ -20,7 +20,8 @@ ten cubic equations in x, y, z. Ordered by the twenty monomials of degree ≤ 3,
 by the ten lower ones; then multiplying by x is a 10 × 10 matrix on the lower monomials, whose eigenvectors are their
 values at the solutions (at most ten). Unlike the others it needs no scene depth: a plane will do.
 
-All three take *stacks* of samples and work on them at once, because a robust fit asks for hundreds.
+All three take *stacks* of samples and work on them at once, because a robust fit asks for hundreds;
+:func:`minimal_models` takes the compiled twins of the last two, which reach the same solutions by other ways.
 
 Sources: R. Hartley, *In defense of the eight-point algorithm*, PAMI 19 (1997); Hartley and Zisserman (2004), chapter
 11; D. Nistér, *An efficient solution to the five-point relative pose problem*, PAMI 26 (2004); H. Stewénius, C. Engels,
@@ -75,6 +76,33 @@ def epipolar_equations(x: Float, xp: Float) -> Float:
     ndarray of shape (..., N, 9)
     """
     return np.asarray((xp[..., :, None] * x[..., None, :]).reshape(*x.shape[:-1], 9))
+
+
+def minimal_models(x: Float, xp: Float, samples: Indices, *, backend: str = "numba") -> Float:
+    """Return all models through each sample of matches: F through seven, E through five.
+
+    Parameters
+    ----------
+    x, xp : ndarray of shape (N, 3)
+        Homogeneous points of the left and of the right picture: normalised for seven, rays for five.
+    samples : ndarray of shape (B, s), int
+        Indices of the matches of each sample, s = 5 or 7.
+    backend : {"numba", "numpy"}
+        The compiled kernels, or :func:`seven_point` and :func:`five_point`.
+
+    Returns
+    -------
+    ndarray of shape (M, 9)
+        Row by row, of norm 1.
+    """
+    draws, size = samples.shape
+    if backend == "numpy":
+        models, _ = (five_point if size == 5 else seven_point)(x[samples], xp[samples])
+        return models.reshape(-1, 9)
+    from stereocal.pair.two_view_solvers_kernels import five_points, seven_points
+
+    room = np.empty(((10 if size == 5 else 3) * draws, 9))
+    return room[: (five_points if size == 5 else seven_points)(x, xp, samples, room)]
 
 
 def eight_point(x: Float, xp: Float, weights: Float | None = None) -> Float:

@@ -13,14 +13,9 @@ from stereocal.base.errors import DegenerateGeometryError, InputError
 from stereocal.base.homogeneous import cross_matrix, to_homogeneous
 from stereocal.base.rotations import rotation_matrix
 from stereocal.pair.epipolar import sampson_distance
-from stereocal.pair.essential import (
-    decompose_essential,
-    fit_essential,
-    fit_essential_detailed,
-    project_to_essential,
-    recover_pose,
-)
+from stereocal.pair.essential import fit_essential, fit_essential_detailed
 from stereocal.pair.fundamental import fit_fundamental, fit_fundamental_detailed, fundamental_from_seven
+from stereocal.pair.relative_pose import decompose_essential, project_to_essential, recover_pose
 from stereocal.pair.two_view_solvers import five_point, real_cubic_roots, seven_point
 
 
