@@ -1,6 +1,6 @@
 """Which boards are found? Renders of hard scenes, beside both OpenCV detectors, and scenes without the board.
 
-    python benchmarks/study_detection.py [images a scene] [--no-sb] [--only SCENE]
+    python benchmarks/study_detection.py [images a scene] [--quick] [--only SCENE]
 
 A board counts as found if every corner lies within 1.5 px of the truth (or a tenth of the spacing), in the truth's
 order or its half turn. "wrong" counts boards that were returned but are not there.
@@ -14,6 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from board_scenes import Lens, random_pose, render
+from opencv_detectors import HEADER, Tally, judge, verdicts
 from scipy import ndimage
 
 import stereocal as sc
@@ -144,58 +145,35 @@ def scene(name, rng):
     return image, truth, board
 
 
-def judge(corners, truth, board):
-    """ "found", "missed" or "wrong"."""
-    if corners is None:
-        return "missed"
-    corners = np.asarray(corners).reshape(-1, 2)
-    spacing = np.linalg.norm(np.diff(truth.reshape(board[1], board[0], 2), axis=1), axis=2).min()
-    grid = corners.reshape(board[1], board[0], 2)
-    options = [grid, grid[::-1, ::-1], grid[:, ::-1], grid[::-1]]
-    if board[0] == board[1]:
-        options += [g.transpose(1, 0, 2) for g in options]
-    error = min(np.abs(g.reshape(-1, 2) - truth).max() for g in options)
-    return "found" if error < max(1.5, 0.1 * spacing) else "wrong"
-
-
 def main():
     """Print a line a scene."""
     parser = argparse.ArgumentParser()
     parser.add_argument("count", nargs="?", type=int, default=20)
-    parser.add_argument("--no-sb", action="store_true")
+    parser.add_argument("--quick", action="store_true", help="ask OpenCV only where we fail")
     parser.add_argument("--only", nargs="*")
     parser.add_argument("--save", type=Path)
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
-    print(f"{'scene':14} | stereocal        | classic  | SB       | found by OpenCV, not by us")
+    print(HEADER)
+    behind = 0
     for name in arguments.only or SCENES:
-        tally = {who: {"found": 0, "missed": 0, "wrong": 0} for who in ("ours", "classic", "SB")}
-        behind, why = 0, []
-        for k in range(arguments.count if name != "large_image" else max(1, arguments.count // 5)):
+        tally = Tally()
+        total = arguments.count if name != "large_image" else max(1, arguments.count // 5)
+        for k in range(total):
             image, truth, board = scene(name, np.random.default_rng([arguments.seed, SCENES.index(name), k]))
             bytes_ = image if image.dtype == np.uint8 else (image // 16).astype(np.uint8)
             detection = sc.detect_chessboard_detailed(image, board)
-            verdict = {"ours": judge(detection.corners, truth, board)}
-            ok, corners = cv2.findChessboardCorners(bytes_, board)
-            verdict["classic"] = judge(corners if ok else None, truth, board)
-            verdict["SB"] = "missed"
-            if not arguments.no_sb and image.size < 3e6:
-                flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
-                ok, corners = cv2.findChessboardCornersSB(bytes_, board, None, flags)
-                verdict["SB"] = judge(corners if ok else None, truth, board)
-            for who, what in verdict.items():
-                tally[who][what] += 1
-            if verdict["ours"] != "found":
-                better = "found" in (verdict["classic"], verdict["SB"])
-                behind += better
-                why.append(f"{k}{'!' if better else ''} {board} {verdict['ours']} {detection.message[:60]}")
-                if arguments.save:
-                    cv2.imwrite(str(arguments.save / f"{name}_{k}.png"), bytes_)
-        total = sum(tally["ours"].values())
-        line = " | ".join(f"{tally[w]['found']:3}/{total}, {tally[w]['wrong']} wrong" for w in tally)
-        print(f"{name:14} | {line} | {behind}", flush=True)
-        for reason in why[:6]:
+            ours, theirs = judge(detection.corners, truth, board), {}
+            if image.size < 3e6 and not (arguments.quick and ours == "found"):
+                theirs = verdicts(bytes_, truth, board, until_found=arguments.quick)
+            tally.add(f"{k} {board}", ours, theirs, detection.message)
+            if arguments.save and ours != "found":
+                cv2.imwrite(str(arguments.save / f"{name}_{k}.png"), bytes_)
+        behind += tally.behind
+        print(tally.line(name, total), flush=True)
+        for reason in tally.reasons[:6]:
             print("      ", reason)
+    print(f"found by OpenCV, not by us: {behind}")
 
 
 if __name__ == "__main__":

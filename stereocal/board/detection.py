@@ -2,18 +2,24 @@
 
 The image is halved until it is small, and the search starts there: a board of large squares is found in a thousandth
 of the pixels, blur shrinks to nothing, and noise averages out. If the board is not seen whole, the next finer level
-is tried, up to the image itself (and an image of few pixels is also doubled). Where glare or ink has parted the squares
-that should touch, no level shows the board: then the dark parts, or the light ones, are grown by a pixel or two, which
-closes the gap from both sides alike and leaves its middle where the corner was, and the levels are tried again. At each
-level:
+is tried, up to the image itself and its double (:mod:`stereocal.board.pyramid`). At each level:
 
-1. saddles of the brightness that pass the ring test (:mod:`stereocal.board.saddle`);
+1. saddles of the brightness (:mod:`stereocal.board.saddle`) that pass the ring test (:mod:`stereocal.board.ring`);
 2. grids grown from them (:mod:`stereocal.board.grid`);
-3. the grid whose complete lines are the board asked for; a grid of another size is reported, not bent to fit;
-4. the corners numbered by the board's own colours (:mod:`stereocal.board.chessboard`);
-5. the blurred saddle fitted at full resolution (:mod:`stereocal.board.subpixel`), which is also the last test: every
-   corner's
-   fit has to converge near its place, with the contrast of its neighbours.
+3. the grid that is the board asked for, and the number of each corner (:mod:`stereocal.board.selection`);
+4. the blurred saddle fitted at full resolution (:mod:`stereocal.board.subpixel`), which is also the last test: the fits
+   have to converge near their places.
+
+**Parted squares.** Where glare, ink or a thin print has parted the squares that should touch, no level shows the board.
+Then the dark parts, or the light ones, are grown by a pixel or two, which closes the gap from both sides alike and
+leaves its middle where the corner was, and the levels are tried again. The photograph itself is no blurred saddle
+there, so if its fit fails, the saddle is fitted on the level whose gaps are closed. At the image's own resolution
+this costs more than all before, so it is done only where some level has seen a part of a grid: a scene without a board
+has none.
+
+**Corners that cannot be measured.** Where strong blur mixes a border corner's cut square with what lies beyond, the fit
+runs away, or ends a tenth of a square off. If it happens to few corners, these keep the saddle of the smoothed image,
+with the distance between the two as their uncertainty.
 """
 
 from __future__ import annotations
@@ -27,14 +33,14 @@ from numpy.typing import ArrayLike, NDArray
 from stereocal.base.checks import Float
 from stereocal.base.gray import to_gray
 from stereocal.board.chessboard import Chessboard
-from stereocal.board.grid import Grid, drop_ragged_lines, grow_grids, outer_extents
+from stereocal.board.grid import grow_grids
+from stereocal.board.pyramid import closed_levels, levels
 from stereocal.board.saddle import saddle_candidates, saddle_response
+from stereocal.board.selection import choose_board, ordered_corners
 from stereocal.board.subpixel import SaddleFit, fit_corner_grid
 
-_SMALLEST_LEVEL = 200  # longest side of the coarsest level is at least this
-_LARGEST_CLOSED = 1.3e6  # pixels: gaps are closed in images up to this size
-_GOES_ON = 1.2  # outer squares that reach further are those of a further line
-_COVERED, _WHOLE = 0.65, 0.15  # a covered line's outer squares reach less than this; and less than others by this
+_MOST_LOST = 0.05  # of the corners, so many may keep the place the grid gave them
+_LEAST_MOVE, _UNUSUAL_MOVE = 0.05, 5.0  # a fit that moves a corner by more than both, in steps and in medians, is lost
 
 
 @dataclass(frozen=True)
@@ -148,9 +154,17 @@ def detect_chessboard_detailed(image: ArrayLike, board: Chessboard | tuple[int, 
     gray = _as_bytes_or_float(to_gray(image))
     best = Detection(False, message="no corner of a chessboard was seen; is the board in the picture, and sharp?")
     others: list[Detection] = []
-    for levels in (_pyramid(gray, board), _closed_pyramid(gray, board)):
-        for level, scale in levels:
-            attempt = _search_level(level, scale, gray, board)
+    longest = max(board.inner_corners)
+
+    def part_of_a_grid_was_seen() -> bool:
+        return best.stages.get("grid") is not None
+
+    for closed, search in (
+        (False, levels(gray, longest)),
+        (True, closed_levels(gray, longest, part_of_a_grid_was_seen)),
+    ):
+        for level, scale in search:
+            attempt = _search_level(level, scale, gray, board, closed)
             if not attempt.found:
                 others.append(attempt)
                 best = attempt if _progress(attempt) >= _progress(best) else best
@@ -186,46 +200,7 @@ def _as_bytes_or_float(gray: NDArray[Any]) -> NDArray[Any]:
     return ((gray.astype(np.float64) - low) * stretch).astype(np.float32)
 
 
-def _halved(gray: NDArray[Any], smallest: int, least_side: int) -> list[tuple[NDArray[Any], float]]:
-    """The image and its halves while the longest side stays above `smallest` and the shortest above `least_side`."""
-    from stereocal.board.saddle_kernels import halve
-
-    levels = [(gray, 1.0)]
-    while max(levels[-1][0].shape) >= 2 * smallest and min(levels[-1][0].shape) >= 2 * least_side:
-        fine, scale = levels[-1]
-        coarse = np.empty((fine.shape[0] // 2, fine.shape[1] // 2), np.float32)
-        halve(fine, coarse)
-        levels.append((coarse, 2 * scale))
-    return levels
-
-
-def _closed_pyramid(gray: NDArray[Any], board: Chessboard) -> Any:
-    """Levels whose dark, then whose light parts have grown by one and by two pixels, coarse to fine."""
-    from stereocal.board.saddle_kernels import spread_darkest
-
-    for level, scale in reversed(_halved(gray, _SMALLEST_LEVEL // 2, 6 * max(board.inner_corners))):
-        if level.size > _LARGEST_CLOSED:
-            break
-        for tone in (1, -1):
-            grown = level
-            for _ in range(2):
-                former, grown = grown, np.empty(level.shape, np.float32)
-                spread_darkest(former, tone, grown)
-                yield grown, scale
-
-
-def _pyramid(gray: NDArray[Any], board: Chessboard) -> Any:
-    """Levels from coarse to fine, each with its scale: image pixel = scale * (level pixel + 0.5) - 0.5."""
-    from stereocal.board.saddle_kernels import double
-
-    yield from reversed(_halved(gray, _SMALLEST_LEVEL, 6 * max(board.inner_corners)))
-    if max(gray.shape) <= 800:
-        fine = np.empty((2 * gray.shape[0], 2 * gray.shape[1]), np.float32)
-        double(gray, fine)
-        yield fine, 0.5
-
-
-def _search_level(level: NDArray[Any], scale: float, gray: NDArray[Any], board: Chessboard) -> Detection:
+def _search_level(level: NDArray[Any], scale: float, gray: NDArray[Any], board: Chessboard, closed: bool) -> Detection:
     G, S = saddle_response(level)
     candidates, maxima = saddle_candidates(G, S)
     stages: dict[str, Any] = {"response": S, "candidates": candidates, "maxima": maxima, "grid": None, "scale": scale}
@@ -237,111 +212,69 @@ def _search_level(level: NDArray[Any], scale: float, gray: NDArray[Any], board: 
     stages["grid"] = scale * (grids[0].points[grids[0].known] + 0.5) - 0.5
     reasons = []
     for grid in grids:
-        part, reason, other = _choose_board(G, grid, board)
-        if part is None:
-            reasons.append((reason, other))
+        choice = choose_board(G, grid, board)
+        if choice.grid is None:
+            reasons.append((choice.reason, choice.other_size))
             continue
-        corners = _ordered(part, board)
-        corners = scale * (corners + 0.5) - 0.5
+        in_level = ordered_corners(choice.grid, board)
+        corners = scale * (in_level + 0.5) - 0.5
         fit = fit_corner_grid(gray, corners)
-        problem = _judge(fit, corners)
+        problem = _judge(fit)
+        if problem is not None and closed:
+            # where squares are parted the picture is no blurred saddle; the level whose gaps are closed is one
+            fit = _scaled(fit_corner_grid(level, in_level), scale)
+            problem = _judge(fit)
         if problem is None:
-            return Detection(
-                True,
-                fit.corners,
-                fit.covariances,
-                float(np.median(fit.edge_widths)),
-                _confidence(fit),
-                None,
-                "",
-                stages,
-            )
+            return _settled(fit, corners, stages)
         reasons.append((problem, None))
         stages["fit"] = fit
     return Detection(False, other_size=reasons[0][1], message=reasons[0][0], stages=stages)
 
 
-def _choose_board(
-    G: NDArray[np.float32], grid: Grid, board: Chessboard
-) -> tuple[Grid | None, str, tuple[int, int] | None]:
-    """The part of a grid that is the board asked for, or the reason why not and the size that was seen."""
-    seen = drop_ragged_lines(grid)
-    columns, rows = seen.shape
-    wanted = {board.inner_corners, board.inner_corners[::-1]}
-    size = (max(columns, rows), min(columns, rows))
-    if (columns, rows) in wanted:
-        if seen.known.all():
-            if outer_extents(G, seen).max() > _GOES_ON:
-                return None, f"the board goes on beyond the {board} corners seen: it is larger, or partly lost", None
-            return seen, "", None
-        count = int(seen.known.sum())
-        return (
-            None,
-            f"{count} of the {board.corner_count} corners were seen; the others are covered or too blurred",
-            None,
-        )
-    spare = [(columns - c, rows - r) for c, r in wanted]
-    if (1, 0) in spare or (0, 1) in spare:
-        part = _without_covered_line(G, seen, (1, 0) in spare)
-        if part is not None and part.known.all() and part.shape in wanted:
-            return part, "", None
-    if min(columns, rows) < 3 or not seen.known.all():
-        return None, f"only a part of {columns}x{rows} corners was seen, not {board}", None
-    return None, f"a board of {size[0]}x{size[1]} inner corners was seen, not {board}", size
+def _scaled(fit: SaddleFit, scale: float) -> SaddleFit:
+    """A fit made in a level's pixels, in the image's."""
+    return SaddleFit(
+        scale * (fit.corners + 0.5) - 0.5,
+        scale**2 * fit.covariances,
+        scale * fit.edge_widths,
+        fit.contrasts,
+        fit.noise,
+        fit.converged,
+    )
 
 
-def _without_covered_line(G: NDArray[np.float32], seen: Grid, along_i: bool) -> Grid | None:
-    """The grid without the border line whose outer squares are cut off, if those of the other end are whole."""
-    extents = outer_extents(G, seen)
-    first, last = (extents[0], extents[1]) if along_i else (extents[2], extents[3])
-    if min(first, last) >= _COVERED or abs(first - last) < _WHOLE:
-        return None
-    columns, rows = seen.shape
-    if along_i:
-        return seen.window(int(first < last), 0, columns - 1, rows)
-    return seen.window(0, int(first < last), columns, rows - 1)
-
-
-def _ordered(grid: Grid, board: Chessboard) -> Float:
-    """Corners as (rows, columns, 2) in the board's order: clockwise frame, dark square first; see chessboard."""
-    points, parity = grid.points.transpose(1, 0, 2), grid.parity  # (J, I, 2)
-    options = []
-    for transpose in (False, True):
-        for flip_i in (False, True):
-            for flip_j in (False, True):
-                p = points.transpose(1, 0, 2) if transpose else points
-                p = p[:, ::-1] if flip_i else p
-                p = p[::-1] if flip_j else p
-                if p.shape[:2] != (board.rows, board.columns):
-                    continue
-                x, y = p[0, -1] - p[0, 0] + p[-1, -1] - p[-1, 0], p[-1, 0] - p[0, 0] + p[-1, -1] - p[0, -1]
-                if x[0] * y[1] - x[1] * y[0] <= 0:
-                    continue
-                # the square between +i and +j of the first corner has the colour of the one diagonally outside
-                i, j = (
-                    (grid.shape[0] - 1 if _reversed_axes(transpose, flip_i, flip_j)[0] else 0),
-                    (grid.shape[1] - 1 if _reversed_axes(transpose, flip_i, flip_j)[1] else 0),
-                )
-                turns = int(flip_i) + int(flip_j)
-                dark = ((i + j) % 2 == parity) != (turns % 2 == 1)
-                options.append((not dark, float(p[0, 0].sum()), p))
-    return np.ascontiguousarray(min(options, key=lambda option: option[:2])[2])
-
-
-def _reversed_axes(transpose: bool, flip_i: bool, flip_j: bool) -> tuple[bool, bool]:
-    """Which of the grid's own axes are reversed."""
-    return (flip_j, flip_i) if transpose else (flip_i, flip_j)
-
-
-def _judge(fit: SaddleFit, corners: Float) -> str | None:
+def _judge(fit: SaddleFit) -> str | None:
     """Why the fitted corners are not a board's, or None."""
     lost = int(np.count_nonzero(~fit.converged))
-    if lost:
+    if lost > _MOST_LOST * len(fit.converged):
         return f"{lost} of the {len(fit.converged)} corners could not be measured; the picture may be blurred there"
     return None
 
 
-def _confidence(fit: SaddleFit) -> float:
+def _settled(fit: SaddleFit, corners: Float, stages: dict[str, Any]) -> Detection:
+    """The board found. A corner whose fit was lost, or ran further than the others', keeps the grid's place.
+
+    Its covariance is half the square of how far the two differ, in each direction.
+    """
+    given = corners.reshape(-1, 2)
+    steps = np.hypot(*np.moveaxis(np.diff(corners, axis=1), -1, 0)).min()
+    moved = np.hypot(*(fit.corners - given).T)
+    known = fit.converged
+    lost = ~known | (moved > max(_LEAST_MOVE * steps, _UNUSUAL_MOVE * float(np.median(moved[known]))))
+    distance = np.where(known, moved, _LEAST_MOVE * steps)
+    return Detection(
+        True,
+        np.where(lost[:, None], given, fit.corners),
+        np.where(lost[:, None, None], (distance**2)[:, None, None] / 2 * np.eye(2), fit.covariances),
+        float(np.median(fit.edge_widths[known])),
+        _confidence(fit, known),
+        None,
+        "",
+        stages,
+    )
+
+
+def _confidence(fit: SaddleFit, known: NDArray[np.bool_]) -> float:
     """Share of the contrast that the model explains, in the median corner: 1 - (noise / half contrast)^2."""
-    unexplained = (2 * fit.noise / fit.contrasts) ** 2
+    unexplained = (2 * fit.noise[known] / fit.contrasts[known]) ** 2
     return float(np.clip(1 - np.median(unexplained), 0, 1))

@@ -3,31 +3,14 @@
 A chessboard seen by a camera is a grid only locally: perspective, a fisheye lens and a bent board change its steps from
 place to place. So nothing here fits one homography to the board. Three local rules build the grid:
 
-**Links.** Each corner knows its four edges and which side of them is dark (:mod:`stereocal.board.saddle`). Corners a
-and b are neighbours if an edge of a points to b and an edge of b points to a, if the polarities agree, and if along
-the whole way the one side is lighter than the other. The last test is what makes it safe: behind every corner of a
-board the colours change sides, so a way that skips a corner fails it. Of several neighbours the nearest is taken, and
-links must be mutual.
+**Links** join corners whose edges point at each other with the same polarity, and closed **cells** of four links say
+which to trust (:mod:`stereocal.board.links`). Walking them gives each corner its coordinates (i, j).
 
-**Cells.** A link is trusted if it is a side of a closed cell: four links, turning right at each corner, lead back to
-the start. Chance links between letters and furniture close no cells. Walking the trusted links gives each corner its
-coordinates (i, j); a corner reached at two places is left out.
+**Growth** predicts the corners missing next to known ones, and adds those that the image shows
+(:mod:`stereocal.board.growth`). This finds corners that the ring test lost to glare, at the image's edge, or because
+their squares are too small for the ring.
 
-**Growth.** A corner that is missing next to known ones is predicted from them: the last step again, corrected by the
-change of the step in the row beside or the step before, which is exact for any smooth map to first order in the
-change. If the image has a saddle there, and the four squares around show their colours, it is added. This finds
-corners that the ring test lost to glare, at the image's edge, or because their squares are too small for the ring.
-
-**The board's size.** The lines of the grid at its border that are mostly missing are letters or a frame: they are
-dropped. Then the rectangle must be the one asked for. If it is larger by a single line, and that line's outer squares
-are cut off while those at the other end are whole, the board is partly covered there (the paper's photographs): the
-complete lines are taken. In every other case another size is reported, and no corners. And where the rectangle is the
-one asked for, but the squares go on beyond it, it is a part of a larger board whose other corners were lost: no
-corners either, because they would be numbered from the wrong end.
-
-Sources: the growth by local prediction follows the idea of Geiger et al., ICRA 2012, who minimise an energy for each
-proposed line; closed cells of linked corners are used by Ha et al., *Deltille grids for geometric camera calibration*,
-ICCV 2017. The edge-polarity test and the rule of the covered line are ours.
+Which part of the grid is the board asked for is decided later (:mod:`stereocal.board.selection`).
 """
 
 from __future__ import annotations
@@ -39,14 +22,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocal.base.checks import Float
+from stereocal.board.growth import grow_corners, outer_reach
+from stereocal.board.links import link_corners
 
-LINK_TOLERANCE = 0.35
-"""Largest angle between an edge at a corner and the way to the neighbour, radians: 20 degrees hold in a fisheye."""
-LINK_LEAST_SHARE = 0.2
-"""Least contrast along a link, as a share of the contrast at its ends."""
-NEIGHBOURS = 20
 GROWTH_SHARE = 0.35
+"""Least contrast of a grown corner's squares, as a share of that of its neighbours."""
+FADED_SHARE = 0.1
+"""The same where nearly all corners of the board stand."""
 _LINE_SHARE = 0.6
+_MOST_GRIDS = 4  # of all pieces, so many of the largest are grown
 
 
 @dataclass
@@ -63,12 +47,15 @@ class Grid:
         Half the least difference between the light and the dark squares around it, grey levels.
     parity : int
         The square between +i and +j of corner (i, j) is dark if (i + j) % 2 == parity.
+    place : tuple of int
+        Where the grid starts in the one it was cut from.
     """
 
     points: Float
     known: NDArray[np.bool_]
     evidence: Float
     parity: int
+    place: tuple[int, int] = (0, 0)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -78,10 +65,17 @@ class Grid:
     def window(self, i: int, j: int, columns: int, rows: int) -> Grid:
         """The part of the grid that starts at (i, j)."""
         part = np.s_[i : i + columns, j : j + rows]
-        return Grid(self.points[part], self.known[part], self.evidence[part], (self.parity + i + j) % 2)
+        place = (self.place[0] + i, self.place[1] + j)
+        return Grid(self.points[part], self.known[part], self.evidence[part], (self.parity + i + j) % 2, place)
+
+    def offset_of(self, part: Grid) -> tuple[int, int]:
+        """Where a window of this grid starts in it."""
+        return part.place[0] - self.place[0], part.place[1] - self.place[1]
 
 
-def grow_grids(G: NDArray[np.float32], candidates: Float, reach: int, least_corners: int = 6) -> list[Grid]:
+def grow_grids(
+    G: NDArray[np.float32], candidates: Float, reach: int, least_corners: int = 6, *, backend: str = "numba"
+) -> list[Grid]:
     """Grids of linked corners, each grown as far as the image shows it; the largest first.
 
     Parameters
@@ -93,31 +87,23 @@ def grow_grids(G: NDArray[np.float32], candidates: Float, reach: int, least_corn
     reach : int
         How many lines a grid may grow on each side beyond the linked corners.
     least_corners : int
-        Smaller components are left out.
+        Smaller pieces are left out.
+    backend : {"numba", "numpy"}
+        The kernels, or the readable references (they agree to rounding).
     """
-    from stereocal.board import grid_kernels as kernels
-
-    n = len(candidates)
-    if n < 4:
+    if len(candidates) < 4:
         return []
-    near = np.empty((n, min(NEIGHBOURS, n - 1)), np.int64)
-    kernels.nearest_others(candidates, near)
-    link, back = np.empty((n, 4), np.int64), np.zeros((n, 4), np.int64)
-    kernels.link_corners(G, candidates, near, LINK_TOLERANCE, LINK_LEAST_SHARE, link, back)
-    trusted = np.empty((n, 4), np.bool_)
-    kernels.mark_cells(link, back, trusted)
-    component, place, turned = np.empty(n, np.int64), np.empty((n, 2), np.int64), np.empty(n, np.int64)
-    count = kernels.walk_components(link, back, trusted, component, place, turned)
-    if not count:
+    links = link_corners(G, candidates, backend=backend)
+    if not links.count:
         return []
-    sizes = np.bincount(component[component >= 0], minlength=count)
+    sizes = np.bincount(links.component[links.component >= 0], minlength=links.count)
     grids = []
-    for number in np.argsort(-sizes, kind="stable")[:4]:
+    for number in np.argsort(-sizes, kind="stable")[:_MOST_GRIDS]:
         if sizes[number] < least_corners:
             break
-        members = np.nonzero(component == number)[0]
-        grid = _as_grid(candidates[members], place[members], turned[members], reach)
-        kernels.grow_grid(G, grid.points, grid.known, grid.evidence, grid.parity, GROWTH_SHARE)
+        members = np.nonzero(links.component == number)[0]
+        grid = _as_grid(candidates[members], links.place[members], links.turned[members], reach)
+        grow_corners(G, grid.points, grid.known, grid.evidence, grid.parity, GROWTH_SHARE, backend=backend)
         grids.append(_cropped(grid))
     return sorted(grids, key=lambda grid: -int(grid.known.sum()))
 
@@ -154,6 +140,21 @@ def drop_ragged_lines(grid: Grid, least_share: float = _LINE_SHARE) -> Grid:
     return grid
 
 
+def fill_grid(G: NDArray[np.float32], grid: Grid) -> Grid:
+    """The grid with its missing corners grown on little evidence: where nearly all stand, few places are in question.
+
+    Parameters
+    ----------
+    G : ndarray of shape (H, W), float32
+        The smoothed image.
+    grid : Grid
+        Nearly full.
+    """
+    filled = Grid(grid.points.copy(), grid.known.copy(), grid.evidence.copy(), grid.parity, grid.place)
+    grow_corners(G, filled.points, filled.known, filled.evidence, filled.parity, FADED_SHARE)
+    return filled
+
+
 def outer_extents(G: NDArray[np.float32], grid: Grid) -> Float:
     """How far the squares beyond each border line of the grid reach outwards, in steps.
 
@@ -167,10 +168,8 @@ def outer_extents(G: NDArray[np.float32], grid: Grid) -> Float:
     Returns
     -------
     ndarray of shape (4,), float64
-        Sides i = 0, i = I-1, j = 0, j = J-1: 1 or more where the outer squares are whole, less where they are cut off;
-        up to 1.5, the last 0.4 of which only the squares of a further line can give.
+        Sides i = 0, i = I-1, j = 0, j = J-1: about 1 where the outer squares are whole, less where they are cut off,
+        1.5 where a further line of squares follows.
     """
-    from stereocal.board.grid_kernels import outer_reach
-
     points = np.ascontiguousarray(grid.points)
     return np.array([outer_reach(G, points, side) for side in range(4)])

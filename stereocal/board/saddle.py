@@ -11,20 +11,12 @@ outer corner of a dark square and every letter have as well; S asks for the curv
 T-junctions and line ends have a small one. G is smoothed by the binomial (1 4 6 4 1)/16, and the differences reach over
 two pixels, which together is a Gaussian of 1.2 px and a pattern as wide as the smallest square looked for.
 
-Noise and texture have saddles too, so every maximum of S has to pass a *ring test*: on a circle around it the grey
-value must cross the middle between darkest and lightest exactly four times, at angles whose opposites lie half a turn
-apart, and look the same half a turn on (the *symmetry test*). What passes carries its two edge directions and its
-polarity:
+Every maximum of S over 5x5 pixels is a candidate, down to the level that a fifth of the pixels exceed. Noise and
+texture have saddles too, so each has to pass the *ring test* (:mod:`stereocal.board.ring`). Measure and test look at a
+neighbourhood of fixed size, so they are made on a pyramid of halved images (:mod:`stereocal.board.pyramid`): large
+squares, blur and strong noise are seen at a coarse level, small squares at a fine one.
 
-    t0, t1, t2, t3: the angles of the four edges; from t0, with growing angle, one enters a dark square.
-
-These are what the grid is grown from (:mod:`stereocal.board.grid`). Both tests look at a neighbourhood of fixed size,
-so they are made on a pyramid of halved images: large squares, blur and strong noise are seen at a coarse level, small
-squares at a fine one.
-
-Sources: Chen and Zhang, *A new sub-pixel detector for X-corners*, 2005 (the measure S); Bennett and Lasenby, *ChESS -
-quick and robust detection of chess-board features*, CVIU 2014 (the ring). Ours: crossings located on the ring and their
-polarity carried into the graph; ChESS uses the ring for the response alone.
+Source: Chen and Zhang, *A new sub-pixel detector for X-corners*, 2005 (the measure S).
 """
 
 from __future__ import annotations
@@ -36,11 +28,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from stereocal.base.checks import Float
+from stereocal.board.ring import LEAST_AMPLITUDE, ring_test
 
-RING_RADIUS = 4.0
-RING_STEPS = 32
-_ANGLES = np.arange(RING_STEPS) * (2 * np.pi / RING_STEPS)
-_COSINE, _SINE = np.cos(_ANGLES), np.sin(_ANGLES)
 _BINOMIAL = np.array([1, 4, 6, 4, 1]) / 16
 
 
@@ -83,8 +72,9 @@ def saddle_candidates(
     S: NDArray[np.float32],
     *,
     least_response: float = 1.0,
-    least_amplitude: float = 2.0,
+    least_amplitude: float = LEAST_AMPLITUDE,
     limit: int = 4000,
+    backend: str = "numba",
 ) -> tuple[Float, NDArray[np.int64]]:
     """Saddles that pass the ring test.
 
@@ -98,6 +88,8 @@ def saddle_candidates(
         Least half difference between light and dark on the ring, grey levels.
     limit : int
         No more maxima than this per megapixel (and at least this many) are tested; the weakest are left out.
+    backend : {"numba", "numpy"}
+        The kernels, or the readable references (they agree to rounding).
 
     Returns
     -------
@@ -106,18 +98,35 @@ def saddle_candidates(
     maxima : ndarray of shape (m, 2), int64
         The pixels (x, y) of the maxima that were tested.
     """
-    from stereocal.board.saddle_kernels import ring_test, saddle_maxima
-
     capacity = int(limit * max(1.0, G.size / 1e6))
     # At most a fifth of all pixels can be saddles, even of a board of the smallest squares: the rest is texture.
-    sample = np.sort(S[3::7, 3::7], axis=None)
-    threshold = np.float32(max(least_response**2, float(sample[int(0.8 * sample.size)])))
-    maxima = np.empty((capacity, 2), np.int64)
-    count = saddle_maxima(S, threshold, maxima)
-    while count > capacity:
-        threshold *= np.float32(3)
-        count = saddle_maxima(S, threshold, maxima)
-    maxima = maxima[:count]
-    candidates = np.empty((count, 7))
-    kept = ring_test(G, maxima, _COSINE, _SINE, RING_RADIUS, least_amplitude, candidates)
-    return candidates[:kept], maxima
+    sample = S[3::7, 3::7].ravel()
+    fifth = int(0.8 * sample.size)
+    threshold = np.float32(max(least_response**2, float(np.partition(sample, fifth)[fifth])))
+    maxima = _maxima(S, threshold, backend)
+    if len(maxima) > capacity:
+        strength = S[maxima[:, 1], maxima[:, 0]]
+        maxima = maxima[strength >= np.partition(strength, -capacity)[-capacity]]
+    return ring_test(G, maxima, least_amplitude=least_amplitude, backend=backend), maxima
+
+
+def _maxima(S: NDArray[np.float32], threshold: np.float32, backend: str) -> NDArray[np.int64]:
+    """Pixels (x, y) whose S exceeds the threshold and the S of the 5x5 pixels around."""
+    if backend == "numba":
+        from stereocal.board.saddle_kernels import saddle_maxima
+
+        out = np.empty((S.size // 9 + 1, 2), np.int64)
+        return out[: saddle_maxima(S, threshold, out)]
+    # The kernel looks block by block, at the largest of each 3x3 pixels: the same order, and the first of equal values.
+    height, width = S.shape
+    earlier = np.zeros((5, 5), bool)
+    earlier[:2] = earlier[2, :2] = True
+    largest = (threshold < S) & (ndimage.maximum_filter(S, 5) == S)
+    largest &= ndimage.maximum_filter(S, footprint=earlier) < S
+    found = [
+        (x0 + x, y0 + y)
+        for y0 in range(3, height - 5, 3)
+        for x0 in range(3, width - 5, 3)
+        for y, x in np.argwhere(largest[y0 : y0 + 3, x0 : x0 + 3])
+    ]
+    return np.array(found, np.int64).reshape(-1, 2)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 from strategies import seeds
 
 from stereocal.board.saddle import saddle_candidates, saddle_response
-from stereocal.board.saddle_kernels import double, halve, saddle_maxima, spread_darkest
+from stereocal.board.saddle_kernels import saddle_maxima
 
 
 @settings(max_examples=20)
@@ -42,19 +40,6 @@ def test_maxima_are_the_largest_of_their_surroundings(seed, levels):
             if (S[b - 2 : b + 3, a - 2 : a + 3] == S[b, a]).sum() == 1
         ]
         assert set(unique) <= listed
-
-
-def test_halves_and_doubles_keep_straight_ramps():
-    y, x = np.mgrid[:12, :16].astype(np.float32)
-    ramp = 3 * x + 5 * y
-    half, twice = np.empty((6, 8), np.float32), np.empty((24, 32), np.float32)
-    halve(ramp, half)
-    double(ramp, twice)
-    Y, X = np.mgrid[:6, :8]
-    np.testing.assert_allclose(half, 3 * (2 * X + 0.5) + 5 * (2 * Y + 0.5))
-    Y, X = np.mgrid[:24, :32]
-    expected = 3 * (X / 2 - 0.25) + 5 * (Y / 2 - 0.25)
-    np.testing.assert_allclose(twice[1:-1, 1:-1], expected[1:-1, 1:-1], rtol=1e-6)
 
 
 def crossing(angle1, angle2, center, invert=False):
@@ -94,13 +79,3 @@ def test_edges_corners_and_discs_are_not_crossings():
     disc = np.where(np.hypot(x - 30, y - 30) < 9, 40.0, 200.0)
     for image in (edge, corner, disc):
         assert len(saddle_candidates(*saddle_response(image.astype(np.float32)))[0]) == 0
-
-
-@pytest.mark.parametrize(("tone", "theirs"), [(1, cv2.erode), (-1, cv2.dilate)])
-def test_grown_tones_are_least_and_largest_of_nine(tone, theirs):
-    image = np.random.default_rng(3).integers(0, 256, (31, 47)).astype(np.uint8)
-    out = np.empty(image.shape, np.float32)
-    spread_darkest(image, tone, out)
-    np.testing.assert_array_equal(out, theirs(image, np.ones((3, 3), np.uint8)))
-    reference = ndimage.minimum_filter if tone > 0 else ndimage.maximum_filter
-    np.testing.assert_array_equal(out, reference(image, 3, mode="nearest"))

@@ -1,5 +1,5 @@
 # mypy: allow-untyped-defs
-"""Kernels of :mod:`stereocal.board.grid`: links between neighbouring corners, cells, components, growth."""
+"""Kernels of :mod:`stereocal.board.growth`: prediction of a corner, its saddle, its squares, growth, outer squares."""
 
 from __future__ import annotations
 
@@ -17,177 +17,6 @@ def _bilinear(G, x, y):
     return (G[iy, ix] * (1 - fx) + G[iy, ix + 1] * fx) * (1 - fy) + (
         G[iy + 1, ix] * (1 - fx) + G[iy + 1, ix + 1] * fx
     ) * fy
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def edge_contrast(G, ax, ay, bx, by):
-    """Least difference, left minus right of the way from a to b, over samples along its inner part.
-
-    Left and right are seen on the image with y down: right is the side of growing angle.
-    """
-    dx, dy = bx - ax, by - ay
-    length = np.sqrt(dx * dx + dy * dy)
-    offset = max(1.0, 0.15 * length)
-    nx, ny = -dy / length * offset, dx / length * offset
-    least = 1e30
-    steps = 5 if length < 24 else 9
-    for i in range(steps):
-        t = 0.2 + 0.6 * i / (steps - 1)
-        x, y = ax + t * dx, ay + t * dy
-        least = min(least, _bilinear(G, x - nx, y - ny) - _bilinear(G, x + nx, y + ny))
-    return least
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _turn(angle):
-    """An angle brought to (-pi, pi]."""
-    return angle - 2 * np.pi * np.floor((angle + np.pi) / (2 * np.pi))
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def nearest_others(points, near):
-    """Indices of the nearest other points, nearest first, -1 where there are fewer."""
-    n, k = near.shape
-    distance = np.empty(k)
-    for i in range(n):
-        filled = 0
-        x, y = points[i, 0], points[i, 1]
-        for j in range(n):
-            if j == i:
-                continue
-            dx, dy = points[j, 0] - x, points[j, 1] - y
-            d = dx * dx + dy * dy
-            if filled == k and d >= distance[k - 1]:
-                continue
-            place = filled if filled < k else k - 1
-            while place > 0 and distance[place - 1] > d:
-                distance[place], near[i, place] = distance[place - 1], near[i, place - 1]
-                place -= 1
-            distance[place], near[i, place] = d, j
-            filled = min(filled + 1, k)
-        near[i, filled:] = -1
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def link_corners(G, candidates, near, tolerance, least_share, link, back):
-    """For each corner and edge, the nearest corner that the edge leads to.
-
-    A link needs: both edges point at each other within the tolerance (radians), their polarities agree (an edge with
-    the dark on its right is, seen from the other end, one with the dark on its left), and light is lighter than dark by
-    a share of the amplitudes all the way. `link` (n, 4) gets the neighbour or -1, `back` the number of its edge; only
-    mutual links stay.
-    """
-    n = candidates.shape[0]
-    link[:] = -1
-    for i in range(n):
-        x, y = candidates[i, 0], candidates[i, 1]
-        for place in range(near.shape[1]):
-            j = near[i, place]
-            if j < 0:
-                break
-            dx, dy = candidates[j, 0] - x, candidates[j, 1] - y
-            if dx * dx + dy * dy < 9.0:
-                continue
-            ratio = candidates[i, 6] / candidates[j, 6]
-            if ratio > 4.0 or ratio < 0.25:
-                continue
-            heading = np.arctan2(dy, dx)
-            for e in range(4):
-                if link[i, e] >= 0 or abs(_turn(heading - candidates[i, 2 + e])) > tolerance:
-                    continue
-                for f in range(1 - (e % 2), 4, 2):
-                    if abs(_turn(heading + np.pi - candidates[j, 2 + f])) > tolerance:
-                        continue
-                    contrast = (
-                        edge_contrast(G, x, y, candidates[j, 0], candidates[j, 1])
-                        if e % 2 == 0
-                        else edge_contrast(G, candidates[j, 0], candidates[j, 1], x, y)
-                    )
-                    if contrast > least_share * (candidates[i, 6] + candidates[j, 6]):
-                        link[i, e], back[i, e] = j, f
-    for i in range(n):
-        for e in range(4):
-            j = link[i, e]
-            if j >= 0 and (link[j, back[i, e]] != i or back[j, back[i, e]] != e):
-                link[i, e] = -2
-    for i in range(n):
-        for e in range(4):
-            if link[i, e] == -2:
-                link[i, e] = -1
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def mark_cells(link, back, trusted):
-    """Trust the links that are sides of a closed cell: four corners, each linked to the next, turning the same way."""
-    trusted[:] = False
-    for i in range(link.shape[0]):
-        for e in range(4):
-            corner, edge = i, e
-            closed = True
-            for _ in range(4):
-                following = link[corner, edge]
-                if following < 0:
-                    closed = False
-                    break
-                # arrived on edge b of the next corner; the next side of the cell, keeping it on the right, is b - 1
-                edge, corner = (back[corner, edge] + 3) % 4, following
-            if closed and corner == i and edge == e:
-                for _ in range(4):
-                    b = back[corner, edge]
-                    trusted[corner, edge] = True
-                    trusted[link[corner, edge], b] = True
-                    edge, corner = (b + 3) % 4, link[corner, edge]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def walk_components(link, back, trusted, component, place, turned):
-    """Grid coordinates by walking the trusted links, one component after the other.
-
-    Edge `turned` of a corner is its +i direction; the other edges follow as +j, -i, -j. `place` (n, 2) gets (i, j),
-    counted from the component's first corner; `component` (n,) its number, -1 where a corner has no trusted link.
-    A corner that a second way reaches at other coordinates breaks the component: it is marked -2 and left out.
-    Returns the number of components.
-    """
-    n = link.shape[0]
-    component[:] = -1
-    queue = np.empty(n, np.int64)
-    components = 0
-    for first in range(n):
-        if component[first] != -1:
-            continue
-        any_link = False
-        for e in range(4):
-            any_link = any_link or trusted[first, e]
-        if not any_link:
-            continue
-        component[first], turned[first] = components, 0
-        place[first, 0] = place[first, 1] = 0
-        head, tail = 0, 1
-        queue[0] = first
-        while head < tail:
-            corner = queue[head]
-            head += 1
-            if component[corner] == -2:
-                continue
-            for direction in range(4):
-                edge = (turned[corner] + direction) % 4
-                if not trusted[corner, edge]:
-                    continue
-                other = link[corner, edge]
-                i = place[corner, 0] + (1 if direction == 0 else (-1 if direction == 2 else 0))
-                j = place[corner, 1] + (1 if direction == 1 else (-1 if direction == 3 else 0))
-                turn = (back[corner, edge] - direction - 2 + 8) % 4
-                if component[other] == -1:
-                    component[other], turned[other] = components, turn
-                    place[other, 0], place[other, 1] = i, j
-                    queue[tail] = other
-                    tail += 1
-                elif component[other] == components and (
-                    place[other, 0] != i or place[other, 1] != j or turned[other] != turn
-                ):
-                    component[other] = -2
-        components += 1
-    return components
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -375,12 +204,7 @@ def grow_grid(G, grid, known, evidence, parity, share):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def outer_reach(G, grid, side):
-    """Mean reach of the squares beyond border line `side` (i = 0, i = I-1, j = 0, j = J-1), in steps, 0.1 to 1.5.
-
-    Half a square inside the line the squares show their colours; half a step and more outside, the square across
-    the line shows the other one, up to its end at 1, and beyond 1 the first again if the board goes on. Followed
-    square by square, against the mean of its neighbours, until the contrast falls below 0.3 of that inside.
-    """
+    """Mean reach of the squares beyond border line `side` (i = 0, i = I-1, j = 0, j = J-1), in steps, 0.1 to 1.5."""
     columns, rows = grid.shape[0], grid.shape[1]
     count = (rows if side < 2 else columns) - 1
     length = columns if side < 2 else rows
@@ -410,6 +234,8 @@ def outer_reach(G, grid, side):
         contrast -= inside[m]
         step = 2
         while step < 16:
+            if step == 10:  # here the colours change, if the board goes on
+                step = 12
             t = 0.1 * step
             here = _bilinear(G, middle[m, 0] + t * outward[m, 0], middle[m, 1] + t * outward[m, 1])
             beside = 0.0
