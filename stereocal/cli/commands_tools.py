@@ -117,20 +117,50 @@ def fetch(name: str, /, *, out: Path | None = None, output: Output | None = None
 
 
 @app.command(sort_key=11)
-def bench(kernels: list[str] | None = None, /, *, markdown: Path | None = None, output: Output | None = None) -> None:
-    """Time kernels beside OpenCV on this machine: ratio and agreement.
+def bench(
+    kernels: list[str] | None = None,
+    /,
+    *,
+    left: Path | None = None,
+    right: Path | None = None,
+    register: list[str] | None = None,
+    with_: Annotated[list[str] | None, Parameter(name="--with")] = None,
+    markdown: Path | None = None,
+    figure: Path | None = None,
+    output: Output | None = None,
+) -> None:
+    """Time kernels beside OpenCV on this machine: ratio, spread, agreement, memory.
 
-    Example: `stereocal bench match_bm filter_speckles`
+    Example: `stereocal bench match_bm filter_speckles --figure bench.png`
 
     Parameters
     ----------
     kernels : list of str
         Names of functions; by default all that are compared.
+    left : Path
+        A photograph of your own to run the kernels of images on.
+    right : Path
+        Its rectified partner, for the matchers.
+    register : list of str
+        A function of your own as a third column, match_bm=module:function; the module may be a .py file.
+    with_ : list of str
+        The Python of another environment, whose OpenCV is compared in the same turns; may be repeated.
     markdown : Path
         Write the table into this file.
+    figure : Path
+        Write a picture into this file: .png, .svg or .pdf.
     """
     from stereocal.cli.summaries import summarize_bench
     from stereocal.workflow.benchmarks import run_bench
 
-    run = run_bench(kernels or (), markdown=markdown, progress=Terminal())
+    run = run_bench(
+        kernels or (),
+        left=left,
+        right=right,
+        register_functions=register or (),
+        other_pythons=with_ or (),
+        markdown=markdown,
+        figure=figure,
+        progress=Terminal(),
+    )
     answer(output, run.as_list, summarize_bench(run))

@@ -17,6 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from stereocal.report.verdicts import Verdict, worst
+from stereocal.verify.bench import BenchResult
 from stereocal.workflow.benchmarks import BenchRun
 from stereocal.workflow.boards import DetectionRun
 from stereocal.workflow.calibrations import CalibrationRun
@@ -250,21 +251,56 @@ def summarize_fetch(run: FetchRun) -> Iterator[RenderableType]:
 
 
 def summarize_bench(run: BenchRun) -> Iterator[RenderableType]:
-    """A table, and the machine that it holds for."""
+    """The machine, a table with a heading a kernel, and what was written."""
+    yield f"[dim]{escape(run.machine)}[/]"
+    others, extra = run.others, any(result.extra for result in run.results)
+    memory = any(result.ours_mb is not None for result in run.results)
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for title in ("kernel", "case"):
-        table.add_column(title)
-    for title in ("ours, ms", "OpenCV, ms", "ratio"):
-        table.add_column(title, justify="right")
-    table.add_column("agreement")
-    for result in run.results:
-        colour = "green" if result.ratio <= 1 else "default"
-        ratio = f"[{colour}]{result.ratio:.2f}[/]"
-        times = (f"{result.ours_ms:.3g}", f"{result.opencv_ms:.3g}")
-        table.add_row(result.kernel, escape(result.case), *times, ratio, escape(result.agreement))
+    table.add_column("case")
+    table.add_column("ours\nms", justify="right", no_wrap=True)
+    for version in (run.opencv_version, *(other.opencv_version for other in others)):
+        table.add_column(f"{version}\nms" if others else "OpenCV\nms", justify="right", no_wrap=True)
+        table.add_column("ratio", justify="right", no_wrap=True)
+    if extra:
+        table.add_column("yours\nms", justify="right", no_wrap=True)
+        table.add_column("ratio", justify="right", no_wrap=True)
+    if memory:
+        table.add_column("ours/OpenCV\nMB", justify="right", no_wrap=True)
+    said = ""
+    for index, result in enumerate(run.results):
+        if index == 0 or result.kernel != run.results[index - 1].kernel:
+            words = {_agreement(other) for other in run.results if other.kernel == result.kernel}
+            said = words.pop() if len(words) == 1 else ""  # one word for all cases of a kernel stands in its heading
+            table.add_row(f"[bold]{escape(result.kernel)}[/]" + (f"\n  [dim]{escape(said)}[/]" if said else ""))
+        case = f"  {escape(result.case)}" + ("" if said else f"\n    [dim]{escape(_agreement(result))}[/]")
+        cells = [case, f"{result.ours_ms:.3g}", f"{result.opencv_ms:.3g}", _ratio(result)]
+        for other in others:
+            there = other.results[index]
+            cells += ["-", ""] if there is None else [f"{there.opencv_ms:.3g}", _ratio(there)]
+        if extra:
+            cells += ["", ""] if result.extra_ms is None else [f"{result.extra_ms:.3g}", f"{result.extra_ratio:.2f}"]
+        if memory:
+            both = result.ours_mb is not None and result.opencv_mb is not None
+            cells.append(f"{result.ours_mb:.0f}/{result.opencv_mb:.0f}" if both else "")
+        table.add_row(*cells)
     yield table
-    yield f"\n[dim]ratio = ours / OpenCV's, medians of processor time in turns; {escape(run.machine)}[/]"
+    yield "[dim]ratio = ours / OpenCV's processor time, median over turns ± half its quartiles' distance[/]"
+    if memory:
+        yield "[dim]MB: the most that a call takes beyond its input, to about 5 MB[/]"
     yield from _files(run.files)
+
+
+def _agreement(result: BenchResult) -> str:
+    """How far the results agree: OpenCV's with ours, and a user's with ours."""
+    return result.agreement if result.extra is None else f"{result.agreement}; yours: {result.extra_agreement}"
+
+
+def _ratio(result: BenchResult) -> str:
+    """The ratio, green where ours is the faster, and half the distance of its quartiles."""
+    colour = "green" if result.ratio <= 1 else "default"
+    spread = (result.ratio_high - result.ratio_low) / 2
+    digits = 2 if result.ratio < 10 else 0
+    return f"[{colour}]{result.ratio:.{digits}f}[/][dim]±{spread:.{digits}f}[/]"
 
 
 def _files(files: tuple[Path, ...], folder: Path | None = None) -> Iterator[RenderableType]:

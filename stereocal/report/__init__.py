@@ -24,6 +24,7 @@
 ``figures_residuals``     pictures of what the fit leaves over
 ``figures_geometry``      the rig in space, coverage, maps over the image
 ``figures_curves``        σ_Z over distance, the paper's figures 7 and 8
+``figures_benchmarks``    pictures of ``bench``: ratio a kernel, time against size
 ``page``                  the self-contained HTML page
 ========================  =====================================================================================
 """

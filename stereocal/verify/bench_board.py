@@ -68,6 +68,7 @@ def _harris(size: tuple[int, int]) -> BenchCase:
         lambda: harris_response(image),
         lambda: cv2.cornerHarris(image, 3, 3, 0.04),
         lambda ours, theirs: f"max |Δ| {np.abs(ours - theirs).max() / np.abs(theirs).max():.1e} of the largest",
+        lambda: ((image,), {}),
     )
 
 
@@ -95,4 +96,5 @@ def _detection(size: tuple[int, int], present: bool, exhaustive: bool) -> BenchC
         lambda: detect_chessboard(image, BOARD),
         opencv,
         agreement,
+        lambda: ((image, BOARD), {}),
     )

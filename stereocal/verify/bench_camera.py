@@ -85,6 +85,7 @@ def mono_case(count: int) -> BenchCase:
         lambda: calibrate_camera(X, left, SIZE).rms,
         lambda: cv2.calibrateCamera(objects, images, SIZE, None, None)[0],
         _agreement,
+        lambda: ((X, left, SIZE), {}),
     )
 
 
@@ -112,6 +113,7 @@ def stereo_case(count: int) -> BenchCase:
         lambda: calibrate_stereo(X, left, right, SIZE).rms,
         opencv,
         _agreement,
+        lambda: ((X, left, right, SIZE), {}),
     )
 
 

@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter
 from stereocal.reconstruction.block_matching import match_bm
 from stereocal.reconstruction.sad import match_sad, matched_region
 from stereocal.reconstruction.speckles import filter_speckles
-from stereocal.verify.bench import BenchCase
+from stereocal.verify.bench import Arguments, BenchCase
 
 Pair = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 
@@ -24,6 +24,8 @@ SIZES = (((640, 480), 64), ((1280, 960), 128), ((1920, 1080), 256))
 def cases() -> list[BenchCase]:
     """Return the cases of this room."""
     found = [_block_matching(size, d, block) for size, d in SIZES for block in (5, 9, 15, 21, 41, 101)]
+    found += [_block_matching(size, 64, 21) for size, d in SIZES if d != 64]  # time against size alone,
+    found += [_block_matching((640, 480), d, 21) for d in (32, 128, 256)]  # and against disparities alone
     found += [_sad((640, 480), 64, block) for block in (5, 21)]
     found += [_speckles(kind, size) for kind in ("map", "noise", "flat") for size in ((640, 480), (1920, 1080))]
     return found
@@ -78,7 +80,11 @@ def _block_matching(size: tuple[int, int], disparities: int, block: int) -> Benc
     def agreement(a: NDArray[Any], b: NDArray[Any]) -> str:
         return differing_pixels(a, np.where(b == -16, np.nan, b / 16))
 
-    return BenchCase("match_bm", f"{size[0]}x{size[1]}, D {disparities}, block {block}", ours, opencv, agreement)
+    def arguments() -> Arguments:
+        return textured_pair(size, disparities), {"num_disparities": disparities, "block_size": block}
+
+    name = f"{size[0]}x{size[1]}, D {disparities}, block {block}"
+    return BenchCase("match_bm", name, ours, opencv, agreement, arguments, memory=True)
 
 
 def _sad(size: tuple[int, int], disparities: int, block: int) -> BenchCase:
@@ -88,9 +94,11 @@ def _sad(size: tuple[int, int], disparities: int, block: int) -> BenchCase:
     def opencv() -> NDArray[Any]:
         return sad_by_opencv(*textured_pair(size, disparities), disparities, block)
 
-    return BenchCase(
-        "match_sad", f"{size[0]}x{size[1]}, D {disparities}, block {block}", ours, opencv, differing_pixels
-    )
+    def arguments() -> Arguments:
+        return textured_pair(size, disparities), {"num_disparities": disparities, "block_size": block}
+
+    name = f"{size[0]}x{size[1]}, D {disparities}, block {block}"
+    return BenchCase("match_sad", name, ours, opencv, differing_pixels, arguments, memory=True)
 
 
 def sad_by_opencv(
@@ -136,7 +144,11 @@ def _speckles(kind: str, size: tuple[int, int]) -> BenchCase:
         cv2.filterSpeckles(filtered, -16, 100, 32)
         return filtered
 
-    return BenchCase("filter_speckles", f"{kind} {size[0]}x{size[1]}", ours, opencv, differing_pixels)
+    def arguments() -> Arguments:
+        return (sixteenths(),), {"max_size": 100, "max_difference": 32, "no_disparity": -16}
+
+    name = f"{kind} {size[0]}x{size[1]}"
+    return BenchCase("filter_speckles", name, ours, opencv, differing_pixels, arguments)
 
 
 def main(run: Callable[[str], object] = print) -> None:

@@ -56,6 +56,7 @@ def _maps(lens: str, size: tuple[int, int]) -> BenchCase:
         lambda: undistortion_maps(K, dist, size, R=R, P=K, model=lens, out=(ours[0], ours[1])),
         lambda: cv2.initUndistortRectifyMap(K, dist, R, K, size, cv2.CV_32FC1, *theirs),
         _pixels_that_differ,
+        lambda: ((K, dist, size), {"R": R, "P": K, "model": lens}),
     )
 
 
@@ -72,6 +73,7 @@ def _remap(size: tuple[int, int], kind: str, channels: int, method: str) -> Benc
         lambda: remap(image, *maps, interpolation=method, out=ours),
         lambda: cv2.remap(image, maps[0], maps[1], _FLAGS[method], theirs),
         _pixels_that_differ,
+        lambda: ((image, *maps), {"interpolation": method}),
     )
 
 
@@ -92,7 +94,8 @@ def _rectify() -> BenchCase:
         same = (ours.roi1, ours.roi2) == (tuple(theirs[5]), tuple(theirs[6]))
         return f"max |Δ| {worst:.0e}, ROIs {'equal' if same else 'differ'}"
 
-    return BenchCase("rectify", "640x480, brown, alpha 0.5", lambda: rectify(rig, alpha=0.5), opencv, agreement)
+    name, ours = "640x480, brown, alpha 0.5", lambda: rectify(rig, alpha=0.5)
+    return BenchCase("rectify", name, ours, opencv, agreement, lambda: ((rig,), {"alpha": 0.5}))
 
 
 def _pixels_that_differ(ours: Any, theirs: Any) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocal.reconstruction.semiglobal import match_sgm
-from stereocal.verify.bench import BenchCase
+from stereocal.verify.bench import Arguments, BenchCase
 from stereocal.verify.bench_reconstruction import textured_pair
 
 
@@ -42,4 +42,8 @@ def _semiglobal(size: tuple[int, int], disparities: int, paths: int) -> BenchCas
         density = np.isfinite(a).mean(), np.isfinite(theirs).mean()
         return f"{close:.1%} within 1 px where both answer; density {density[0]:.1%} and {density[1]:.1%}"
 
-    return BenchCase("match_sgm", f"{size[0]}x{size[1]}, D {disparities}, {paths} paths", ours, opencv, agreement)
+    def arguments() -> Arguments:
+        return textured_pair(size, disparities), {"num_disparities": disparities, "paths": paths}
+
+    name = f"{size[0]}x{size[1]}, D {disparities}, {paths} paths"
+    return BenchCase("match_sgm", name, ours, opencv, agreement, arguments, memory=True)
