@@ -300,7 +300,7 @@ def prefilter_image(
 
     out = np.empty_like(image)
     if prefilter == "xsobel":
-        kernels.prefilter_xsobel(image, cap, out)
+        kernels.prefilter_xsobel(image, cap, np.empty(image.shape[1], np.int16), out)
     else:
         eighth = size * size // 8
         mean_gain = (1024 + eighth) // (2 * eighth)
@@ -320,8 +320,8 @@ def _mark_textured(
     inside = first >= 0 and last <= image.shape[1]
     covered = image[:, first:last] if inside else image[:, beside]
     kernels.reject_untextured(
-        covered, np.int32(cap), radius, rows.start, rows.stop, columns.start, np.int32(min(threshold, 2**31 - 1)),
-        np.empty(last - first, np.int32), np.empty(last - first + 1, np.int32), disparity,
+        covered, np.int16(cap), radius, rows.start, rows.stop, columns.start, np.int32(min(threshold, 2**31 - 1)),
+        np.empty(last - first, np.int16), np.empty(last - first + 1, np.int32), disparity,
     )  # fmt: skip
 
 

@@ -8,24 +8,26 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
-def prefilter_xsobel(image, cap, out):
-    """Write clip(∂I/∂x by Sobel, ±cap) + cap."""
+def prefilter_xsobel(image, cap, column, out):
+    """Write clip(∂I/∂x by Sobel, ±cap) + cap; `column`, (W,) int16, is scratch.
+
+    In two steps, down each column of three and then across. Numba computes whole numbers in 64 bits unless it is told
+    each time that 16 are enough, and of those a register holds four times as many.
+    """
     height, width = image.shape
+    least, most = np.int16(-cap), np.int16(cap)
     for y in range(height):
+        row = out[y]
         if (y == height - 1 and height % 2 == 1) or width < 2:
-            out[y] = cap
+            row[:] = cap
             continue
-        above = y - 1 if y > 0 else 1
-        below = y + 1 if y < height - 1 else height - 2
-        out[y, 0] = cap
-        out[y, width - 1] = cap
+        above, here, below = image[y - 1 if y > 0 else 1], image[y], image[y + 1 if y < height - 1 else height - 2]
+        for x in range(width):
+            column[x] = np.int16(above[x]) + 2 * np.int16(here[x]) + np.int16(below[x])
+        row[0] = row[width - 1] = cap
         for x in range(1, width - 1):
-            slope = (
-                np.int64(image[above, x + 1]) - np.int64(image[above, x - 1])
-                + 2 * (np.int64(image[y, x + 1]) - np.int64(image[y, x - 1]))
-                + np.int64(image[below, x + 1]) - np.int64(image[below, x - 1])
-            )  # fmt: skip
-            out[y, x] = min(max(slope, -cap), cap) + cap
+            slope = np.int16(column[x + 1] - column[x - 1])
+            row[x] = min(max(slope, least), most) + most
 
 
 @njit(cache=True, nogil=True)
@@ -71,30 +73,36 @@ def reject_untextured(image, cap, radius, first_row, last_row, first_column, thr
     ----------
     image : (H, n + 2r) uint8
         The columns that the windows of the n pixels cover.
+    cap : int16
     first_column : int
         Where the first of the n pixels stands in `out`.
-    column_sum, running : (n + 2r,) and (n + 2r + 1,) int32
-        Scratch: the sum down each column of the window, and the sum of those before each column.
+    column_sum : (n + 2r,) int16
+        Scratch: the sum down each column of the window.
+    running : (n + 2r + 1,) int32
+        Scratch: the sum of the columns before each.
     """
     count = image.shape[1]
     block = 2 * radius + 1
     column_sum[:] = 0
     running[0] = 0
-    for y in range(first_row - radius, first_row + radius):
+    for y in range(first_row - radius - 1, first_row + radius):
+        entering = image[max(y, 0)]
         for x in range(count):
-            column_sum[x] += abs(np.int32(image[y, x]) - cap)
+            column_sum[x] += np.int16(abs(np.int16(entering[x] - cap)))
     for y in range(first_row, last_row):
+        entering, leaving = image[y + radius], image[max(y - radius - 1, 0)]
         for x in range(count):
-            column_sum[x] += abs(np.int32(image[y + radius, x]) - cap)
+            gain = np.int16(abs(np.int16(entering[x] - cap))) - np.int16(abs(np.int16(leaving[x] - cap)))
+            column_sum[x] += np.int16(gain)
         total = np.int32(0)
         for x in range(count):
             total += column_sum[x]
             running[x + 1] = total
         row = out[y, first_column : first_column + count - 2 * radius]
+        before_last = running[block:]
         for x in range(count - 2 * radius):
-            row[x] = np.float32(0.0) if running[x + block] - running[x] >= threshold else np.float32(np.nan)
-        for x in range(count):
-            column_sum[x] -= abs(np.int32(image[y - radius, x]) - cap)
+            within = np.int32(before_last[x] - running[x])
+            row[x] = np.float32(0.0) if within >= threshold else np.float32(np.nan)
 
 
 @njit(cache=True, nogil=True)

@@ -81,22 +81,27 @@ def slide_window(
     width = left.shape[1]
     largest = min_disparity + num_disparities - 1
     beside = np.arange(columns.start - radius, columns.stop + radius)
-    left_column = np.clip(beside, 0, width - 1).astype(np.uintp)
-    right_start = np.clip(beside - largest, 0, width - num_disparities).astype(np.uintp)
+    left_column = np.clip(beside, 0, width - 1).astype(np.intp)
+    right_start = np.clip(beside - largest, 0, width - num_disparities).astype(np.intp)
     search = (columns.start, largest, num_disparities, uniqueness_ratio, SUBPIXEL.index(subpixel), left_right)
     cost = np.empty((0, 0), np.int32) if cost is None else cost
     vectors = vectors and num_disparities <= MOST_LANES and not config.DISABLE_JIT
     lanes = -(-num_disparities // 16) * 16
+    kind = np.uint32
+    if vectors and _fits_16_bits(left, right, beside, left_column, right_start, rows, peak, block_size, largest):
+        kind = np.uint16
     if vectors and lanes > num_disparities:
         right = np.pad(right, ((0, 0), (0, lanes - num_disparities)))
 
     def match_band(band: range) -> None:
         ends = (band.start, band.stop)
         if vectors:
-            scratch = _vector_scratch(len(columns), len(beside), lanes, num_disparities, peak, block_size)
+            scratch = _vector_scratch(len(columns), block_size, lanes, num_disparities, kind)
+            narrow = True if kind is np.uint16 and subpixel == "opencv" else None
             kernels.match_rows_vector(
-                left, right, left_column, right_start, radius, ends, search, *scratch,
-                *_right_scratch(width + lanes, scratch[2].dtype, left_right), disparity, cost,
+                left, right, left_column, right_start, radius, ends, search, *scratch[:4],
+                True if peak < 128 else None, narrow, *scratch[4:],
+                *_right_scratch(width + lanes, kind, left_right), disparity, cost,
             )  # fmt: skip
         else:
             columns_of_sums = np.empty((len(beside), num_disparities), np.int32)
@@ -109,14 +114,46 @@ def slide_window(
     run_bands(match_band, rows, threads, least_rows=block_size)
 
 
+def _fits_16_bits(
+    left: NDArray[np.uint8],
+    right: NDArray[np.uint8],
+    beside: NDArray[np.intp],
+    left_column: NDArray[np.intp],
+    right_start: NDArray[np.intp],
+    rows: range,
+    peak: int,
+    block_size: int,
+    largest: int,
+) -> bool:
+    """Whether no sum of this pair reaches 2¹⁶ − 1: by the block size, or else by what the images hold.
+
+    The second is asked only where all windows lie in the images: a column beside them, which stands for another, is in
+    no window that is summed.
+    """
+    guard = np.iinfo(np.uint16).max
+    if peak * block_size**2 < guard:
+        return True
+    if not (np.array_equal(left_column, beside) and np.array_equal(right_start, beside - largest)):
+        return False
+    from stereocal.reconstruction.sliding_window_kernels import largest_window_sum
+
+    width = left.shape[1]
+    bound = 0
+    for image in (left, right):
+        column, running = np.empty(width, np.int32), np.empty(width + 1, np.int32)
+        bound += largest_window_sum(image, peak // 2, block_size // 2, (rows.start, rows.stop), column, running)
+        if bound >= guard:
+            return False
+    return True
+
+
 def _vector_scratch(
-    matched: int, beside: int, lanes: int, num_disparities: int, peak: int, block_size: int
+    matched: int, block_size: int, lanes: int, num_disparities: int, kind: type[np.unsignedinteger[Any]]
 ) -> tuple[Any, ...]:
-    """Return (lanes as a type, columns, windows, beyond, signed, tile, row) as ``match_rows_vector`` takes them."""
+    """Return (lanes as a type, columns, windows, beyond, tile, winners) as ``match_rows_vector`` takes them."""
     from stereocal.reconstruction.sliding_window_kernels import TILE
     from stereocal.reconstruction.vector_primitives import lanes_of
 
-    kind = np.uint16 if peak * block_size**2 < np.iinfo(np.uint16).max else np.uint32
     guard = np.iinfo(kind).max if kind is np.uint16 else np.iinfo(np.int32).max
     windows = aligned_empty(32 + TILE * (lanes + 32), kind)
     windows[:] = guard
@@ -124,9 +161,8 @@ def _vector_scratch(
     if lanes > num_disparities:
         beyond = np.zeros(lanes, kind)
         beyond[num_disparities:] = guard
-    columns = aligned_empty(beside * lanes, np.uint16)
-    signed = True if peak < 128 else None
-    return lanes_of(lanes), columns, windows, beyond, signed, np.empty(8 * TILE, np.int32), np.empty(matched, np.int32)
+    columns = aligned_empty((matched + 2 * block_size - 1) * lanes, np.uint16)
+    return lanes_of(lanes), columns, windows, beyond, np.empty(8 * TILE, np.int32), np.empty(matched, np.int32)
 
 
 def _right_scratch(size: int, kind: DTypeLike, left_right: int) -> tuple[NDArray[Any] | None, NDArray[Any] | None]:

@@ -12,7 +12,8 @@ pixel and loses one; going right by a pixel, the window gains one column and los
     S(x, y, d) = S(x − 1, y, d) + C(x + r, y, d) − C(x − r − 1, y, d),
 
 so that the work does not depend on the block size, and the memory is one row of columns, O(W·D). The differences of the
-row that leaves are computed again: that is quicker than to have stored them.
+row that leaves are computed again: that is quicker than to have stored them. For the first window of a row there stand
+2r + 1 columns of zeros before the first, so that the sum over the columns that enter needs no other loop.
 
 Disparities are counted DOWN: k = 0 … D − 1 stands for d = d_max − k, because R(x − d) then lies in memory in the order
 of k. The smallest k wins a tie: the largest disparity, as in OpenCV.
@@ -23,14 +24,19 @@ The kernel comes twice, :func:`match_rows` in plain loops and :func:`match_rows_
 **How the second finds the winner.** To find the smallest of D numbers and then where it is, and then who else is near,
 takes long not because it is much work but because each step waits for the one before. So it is done in phases over a
 tile of pixels, in which the pixels do not wait for each other: the sums and their minimum m; the limit of uniqueness
-ℓ = m + ⌊m u/100⌋; the first lane t with S ≤ ℓ and the number c of such lanes, from one comparison; then the four sums
-around t. That is enough: if the winner is unique, all lanes with S ≤ ℓ lie within 1 of it, so it is t or t + 1.
+ℓ = m + ⌊m u/100⌋; the first lane t with S ≤ ℓ, the number c of such lanes, from the same comparison, and the four sums
+around t. That is enough: if the winner is unique, all lanes with S ≤ ℓ lie within 1 of it, so it is t or t + 1. What
+remains is done for 16 pixels at once, with conditions joined by | and & instead of branches.
+
+**16 bits or 32.** The sums are kept in 16 bits where no sum of this pair can reach 2¹⁶ − 1: half the registers, half the
+time. :func:`largest_window_sum` gives a bound that real images keep far below 255·(2r + 1)²: as |L − R| is at most
+|L − c| + |R − c|, no S exceeds the largest Σ |L − c| and the largest Σ |R − c| of a window together.
 
 Arguments that both kernels share:
 
 left, right : (H, W) uint8
     Grey or prefiltered images. For the vector kernel `right` has room for `lanes` candidates at each start.
-left_column, right_start : (n + 2r,) uintp
+left_column, right_start : (n + 2r,) intp
     For each column of sums: where it stands in `left`, and where its candidate k = 0 stands in `right`.
 radius : int
     r.
@@ -57,6 +63,7 @@ from numba import njit
 
 from stereocal.reconstruction.vector_primitives import (
     absolute_difference,
+    element,
     fill,
     fill_from,
     first_and_count_at_most,
@@ -68,8 +75,39 @@ from stereocal.reconstruction.vector_primitives import (
     widen_signed,
 )
 
-TILE = 32
+TILE = 48
 """Pixels of which the vector kernel takes a step together."""
+
+
+@njit(cache=True, nogil=True)
+def largest_window_sum(image, middle, radius, rows, column, running):
+    """Return the largest Σ |I − middle| over the windows whose centres lie in `rows`.
+
+    `column` (W,) and `running` (W + 1,), both int32, are scratch.
+    """
+    width = image.shape[1]
+    first, last = rows
+    middle = np.int16(middle)
+    column[:] = 0
+    running[0] = 0
+    for y in range(first - radius - 1, first + radius):
+        entering = image[max(y, 0)]
+        for x in range(width):
+            column[x] += np.int16(abs(np.int16(entering[x] - middle)))
+    largest = np.int32(0)
+    for y in range(first, last):
+        entering, leaving = image[y + radius], image[max(y - radius - 1, 0)]
+        for x in range(width):
+            gain = np.int16(abs(np.int16(entering[x] - middle))) - np.int16(abs(np.int16(leaving[x] - middle)))
+            column[x] += np.int16(gain)
+        total = np.int32(0)
+        for x in range(width):
+            total += column[x]
+            running[x + 1] = total
+        before_last = running[2 * radius + 1 :]
+        for x in range(width - 2 * radius):
+            largest = max(largest, np.int32(before_last[x] - running[x]))
+    return largest
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -77,17 +115,34 @@ def refined(k, below, least, above, d_max, count, subpixel):
     """The disparity of winner k from S(d − 1), S(d), S(d + 1); all in float64, which holds these integers exactly."""
     d = np.float64(d_max - k)
     slope = below - above
-    curvature = below + above - 2.0 * least
     inside = (k > 0) & (k < count - 1)
-    if subpixel == 1:  # OpenCV's, in sixteenths of a pixel
-        fraction = np.trunc(256.0 * slope / max(curvature + abs(slope), 1.0))
+    if subpixel == 1:  # OpenCV's, in sixteenths of a pixel; p + n − 2m + |p − n| is 2 (max(p, n) − m)
+        fraction = np.trunc(128.0 * slope / max(max(below, above) - least, 0.5))
         value = np.floor((256.0 * d + (fraction if inside else 0.0) + 15.0) * 0.0625) * 0.0625
     elif subpixel == 2:
+        curvature = below + above - 2.0 * least
         fraction = 0.5 * slope / max(curvature, 1.0)
         value = d + (fraction if inside & (curvature > 0.0) else 0.0)
     else:
         value = d
     return np.float32(value if k >= 0 else np.nan)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def refined_narrow(k, below, least, above, d_max, count):
+    """OpenCV's refinement of sums below 2¹⁶ in float32, sixteen pixels at a time: equal to :func:`refined`.
+
+    The quotient a/b is not an integer unless b divides a, and then at least 1/b > 2⁻¹⁶ away from one, while rounding to
+    float32 moves a number up to 128 by at most 2⁻¹⁸: it never carries the quotient over an integer.
+    """
+    d = np.float32(d_max - k)
+    inside = (k > 0) & (k < count - 1)
+    depth = max(max(below, above) - least, np.float32(0.5))
+    fraction = np.trunc(np.float32(128.0) * (below - above) / depth)
+    sixteenth = np.float32(0.0625)
+    steps = np.float32(256.0) * d + (fraction if inside else np.float32(0.0)) + np.float32(15.0)
+    value = np.floor(steps * sixteenth) * sixteenth
+    return value if k >= 0 else np.float32(np.nan)
 
 
 @njit(cache=True, nogil=True)
@@ -189,26 +244,82 @@ def choose_winners(tile, size, unique, winners, disparity):
         limit, t, found = tile[TILE + i], tile[2 * TILE + i], tile[3 * TILE + i]
         s1, s2, s3 = tile[5 * TILE + i], tile[6 * TILE + i], tile[7 * TILE + i]
         later = s2 < s1  # t + 1 rather than t
-        near = np.int32(1) + np.int32(s2 <= limit) + np.int32(later & (s3 <= limit))
-        rejected = unique & ((found > near) | (s3 < s1) & (s3 < s2)) | (disparity[i] != disparity[i])
-        winners[i] = np.int32(-1) if rejected else (t + np.int32(1) if later else t)
+        one, two = s2 <= limit, later & (s3 <= limit)  # these neighbours are within the limit as they may be
+        crowded = (found > 3) | ((found == 3) & ~(one & two)) | ((found == 2) & ~(one | two))
+        rejected = unique & (crowded | (s3 < s1) & (s3 < s2)) | (disparity[i] != disparity[i])
+        winners[i] = np.int32(-1) if rejected else (np.int32(t + 1) if later else t)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def refine_tile(tile, size, winners, d_max, count, subpixel, disparity):
+def refine_tile(tile, size, winners, d_max, count, subpixel, narrow, disparity):
     """Write the disparities of a tile; `tile` and `winners` as in :func:`choose_winners`."""
     for i in range(size):
-        s0, s1 = np.float64(tile[4 * TILE + i]), np.float64(tile[5 * TILE + i])
-        s2, s3 = np.float64(tile[6 * TILE + i]), np.float64(tile[7 * TILE + i])
+        s0, s1 = tile[4 * TILE + i], tile[5 * TILE + i]
+        s2, s3 = tile[6 * TILE + i], tile[7 * TILE + i]
         later = s2 < s1
         below, least, above = (s3 if later else s2), (s2 if later else s1), (s1 if later else s0)
-        disparity[i] = refined(winners[i], below, least, above, d_max, count, subpixel)
+        if narrow is None:
+            disparity[i] = refined(
+                winners[i], np.float64(below), np.float64(least), np.float64(above), d_max, count, subpixel
+            )
+        else:
+            disparity[i] = refined_narrow(
+                winners[i], np.float32(below), np.float32(least), np.float32(above), d_max, count
+            )
+
+
+@njit(cache=True, nogil=True)
+def meet_right(windows, size, lanes, x, there, right_sum, right_winner):
+    """Let each pixel of the right image keep the smallest S it has met, and where; a tie goes to the later x."""
+    pitch = 16 * len(lanes) + 32
+    for i in range(size):
+        ranked = load(windows, 32 + i * pitch, lanes)
+        met, before = load(right_sum, there + i, lanes), load(right_winner, there + i, lanes)
+        store(where_at_most(ranked, met, fill(x + i, before), before), right_winner, there + i)
+        store(where_at_most(ranked, met, ranked, met), right_sum, there + i)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def find_winners(windows, size, lanes, uniqueness_ratio, never, tile):
+    """From the sums of a tile's pixels and their minima m: ℓ, t, c and the sums around t, see :func:`choose_winners`.
+
+    The half in ℓ = m + ⌊(m u + ½)/100⌋ keeps the quotient, of which the floor is taken, clear of integers, so that it
+    may be had by a multiplication.
+    """
+    pitch = 16 * len(lanes) + 32
+    for i in range(size):
+        limit = tile[i] + np.floor((np.float64(tile[i]) * uniqueness_ratio + 0.5) * 0.01)
+        tile[TILE + i] = np.int32(min(limit, np.float64(never - 1)))
+    for i in range(size):
+        window = 32 + i * pitch
+        t, found = first_and_count_at_most(load(windows, window, lanes), tile[TILE + i])
+        tile[2 * TILE + i], tile[3 * TILE + i] = t, found
+        tile[4 * TILE + i] = element(windows, window + t - 1)
+        tile[5 * TILE + i] = element(windows, window + t)
+        tile[6 * TILE + i] = element(windows, window + t + 1)
+        tile[7 * TILE + i] = element(windows, window + t + 2)
+
+
+@njit(cache=True, nogil=True)
+def fill_columns(left, right, left_column, right_start, radius, first, lanes, blank, columns):
+    """Write the C of the row before the first: rows first − r − 1 … first + r − 1, the row above the image being row 0."""
+    size = 16 * len(lanes)
+    reference, candidates = left.ravel(), right.ravel()
+    columns[:] = 0
+    zero = load(columns, 0, lanes)
+    for y in range(first - radius - 1, first + radius):
+        here, there = max(y, 0) * left.shape[1], max(y, 0) * right.shape[1]
+        for j in range(len(left_column)):
+            new = load(candidates, there + element(right_start, j), lanes)
+            new = absolute_difference(new, fill_from(reference, here + element(left_column, j), new))
+            at = blank + j * size
+            store(load(columns, at, lanes) + widen(new, zero), columns, at)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def match_rows_vector(
     left, right, left_column, right_start, radius, rows, search,
-    lanes, columns, windows, beyond, signed, tile, winners, right_sum, right_winner, out, cost,
+    lanes, columns, windows, beyond, signed, narrow, tile, winners, right_sum, right_winner, out, cost,
 ):  # fmt: skip
     """Match rows by the smallest S: the D sums as one value.
 
@@ -216,15 +327,18 @@ def match_rows_vector(
     ----------
     lanes : tuple
         D, rounded up to a multiple of 16, as a type: see ``vector_primitives.lanes_of``.
-    columns : ((n + 2r) · lanes,) uint16
-        Scratch: C.
+    columns : ((n + 4r + 1) · lanes,) uint16
+        Scratch: 2r + 1 columns of zeros, then C.
     windows : (32 + T (lanes + 32),) uint16 or uint32
         Scratch: S of the T pixels of a tile, 32 guards before and after each, which no sum reaches. Enters filled
         with the guard.
     beyond : (lanes,) of the type of S, or None
         The guard in the lanes k ≥ D, so that they never win; None if there are no such lanes.
     signed : True or None
-        True if no image value is above 127, so that the difference of two differences fits into 8 bits.
+        True if no image value is above 127, so that the difference of two differences fits into 8 bits, and that of
+        two columns into 16.
+    narrow : True or None
+        True to refine by :func:`refined_narrow`: S is uint16 and `subpixel` OpenCV's.
     tile : (8 T,) int32
         Scratch: what is found about each pixel of a tile, see :func:`choose_winners`.
     right_sum, right_winner : (W + lanes,)
@@ -233,20 +347,13 @@ def match_rows_vector(
     first_x, d_max, count, uniqueness_ratio, subpixel, left_right = search
     first, last = rows
     size = 16 * len(lanes)
-    pitch = size + 32
+    blank = (2 * radius + 1) * size
     stride, left_stride = right.shape[1], left.shape[1]
     reference, candidates = left.ravel(), right.ravel()
     n = len(left_column) - 2 * radius
     never = np.int64(windows[0])
-
-    columns[:] = 0
+    fill_columns(left, right, left_column, right_start, radius, first, lanes, blank, columns)
     zero = load(columns, 0, lanes)
-    for y in range(first - radius - 1, first + radius):
-        source = max(y, 0)
-        for j in range(n + 2 * radius):
-            new = load(candidates, source * stride + np.intp(right_start[j]), lanes)
-            new = absolute_difference(new, fill_from(reference, source * left_stride + np.intp(left_column[j]), new))
-            store(load(columns, j * size, lanes) + widen(new, zero), columns, j * size)
 
     for y in range(first, last):
         entering, leaving = y + radius, max(y - radius - 1, 0)
@@ -258,50 +365,37 @@ def match_rows_vector(
         sums = sums - sums
         begin = -2 * radius
         while begin < n:
-            # up to the first pixel the window only gains columns; from there on, tile by tile, it also loses them
+            # up to the first pixel the columns are only summed; from there on, tile by tile, the sums are ranked too
             pixels = 2 * radius if begin < 0 else min(TILE, n - begin)
             for i in range(pixels):
                 j = begin + 2 * radius + i
-                start, column = np.intp(right_start[j]), np.intp(left_column[j])
+                start, column = element(right_start, j), element(left_column, j)
                 new, old = load(candidates, enter + start, lanes), load(candidates, leave + start, lanes)
                 new = absolute_difference(new, fill_from(reference, enter_left + column, new))
                 old = absolute_difference(old, fill_from(reference, leave_left + column, old))
+                gained, lost = load(columns, blank + j * size, lanes), load(columns, j * size, lanes)
                 if signed is None:
-                    gained = load(columns, j * size, lanes) + widen(new, zero) - widen(old, zero)
+                    gained = gained + widen(new, zero) - widen(old, zero)
+                    sums = sums + widen(gained, sums) - widen(lost, sums)
                 else:
-                    gained = load(columns, j * size, lanes) + widen_signed(new - old, zero)
-                store(gained, columns, j * size)
-                sums = sums + widen(gained, sums)
+                    gained = gained + widen_signed(new - old, zero)
+                    sums = sums + widen_signed(gained - lost, sums)
+                store(gained, columns, blank + j * size)
                 if begin >= 0:
                     ranked = sums
                     if beyond is not None:
                         ranked = sums | load(beyond, 0, lanes)
-                    store(ranked, windows, 32 + i * pitch)
+                    store(ranked, windows, 32 + i * (size + 32))
                     tile[i] = smallest(ranked)
-                    sums = sums - widen(load(columns, (begin + i) * size, lanes), sums)
             if begin >= 0:
                 if right_sum is not None:
-                    for i in range(pixels):
-                        there = first_x + begin + i - d_max
-                        ranked = load(windows, 32 + i * pitch, lanes)
-                        met, before = load(right_sum, there, lanes), load(right_winner, there, lanes)
-                        here = fill(first_x + begin + i, before)
-                        store(where_at_most(ranked, met, here, before), right_winner, there)
-                        store(where_at_most(ranked, met, ranked, met), right_sum, there)
-                for i in range(pixels):
-                    limit = tile[i] + np.floor(np.float64(tile[i]) * uniqueness_ratio / 100.0)
-                    tile[TILE + i] = np.int32(min(limit, np.float64(never - 1)))
-                for i in range(pixels):
-                    ranked = load(windows, 32 + i * pitch, lanes)
-                    tile[2 * TILE + i], tile[3 * TILE + i] = first_and_count_at_most(ranked, tile[TILE + i])
-                for i in range(pixels):
-                    around = np.uintp(31 + i * pitch) + np.uintp(tile[2 * TILE + i])  # unsigned: not from the end
-                    for s in range(4):
-                        tile[(4 + s) * TILE + i] = windows[around + np.uintp(s)]
+                    x = first_x + begin
+                    meet_right(windows, pixels, lanes, x, x - d_max, right_sum, right_winner)
+                find_winners(windows, pixels, lanes, uniqueness_ratio, never, tile)
                 chosen = winners[begin : begin + pixels]
                 disparity = out[y, first_x + begin : first_x + begin + pixels]
                 choose_winners(tile, pixels, uniqueness_ratio > 0, chosen, disparity)
-                refine_tile(tile, pixels, chosen, d_max, count, subpixel, disparity)
+                refine_tile(tile, pixels, chosen, d_max, count, subpixel, narrow, disparity)
                 if cost.size > 0:
                     cost[y, first_x + begin : first_x + begin + pixels] = tile[:pixels]
             begin += pixels

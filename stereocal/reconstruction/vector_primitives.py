@@ -139,6 +139,16 @@ def store(typingctx, vector, array, index):
 
 
 @intrinsic
+def element(typingctx, array, index):
+    """array[index], where a negative index does not count from the end; that question is not even asked."""
+
+    def codegen(context, builder, signature, args):
+        return builder.load(_address(context, builder, signature.args[0], args[0], args[1]))
+
+    return array.dtype(array, types.intp), codegen
+
+
+@intrinsic
 def fill(typingctx, value, like):
     """Vector of the kind of `like` with `value` in every lane."""
 
@@ -182,7 +192,7 @@ def widen_signed(typingctx, vector, like):
         def sext(chunk):
             return builder.sext(chunk, ir.VectorType(ir.IntType(like.bits), chunk.type.count))
 
-        return _by_chunk(builder, sext, args[0])
+        return _by_chunk(builder, sext, args[0]) if vector.bits < like.bits else args[0]
 
     return vector.widened(like.bits)(vector, like), codegen
 
