@@ -9,14 +9,21 @@ which is exact for a Gaussian blur where the edges cross at a right angle, and v
 unknowns: the corner c = (cx, cy), the angles of the two lines, s, and the levels a (middle grey) and b (half the
 contrast). They are fitted to every pixel of a window by Levenberg-Marquardt. With independent noise of standard
 deviation sigma the fit is the maximum-likelihood estimate, and (J^T J)^-1 sigma^2, sigma estimated from the
-residuals, is its covariance: no unbiased method can do better in that window (the Cramer-Rao bound).
+residuals, is its covariance: no unbiased method can do better in that window (the Cramer-Rao bound). What residuals
+cannot show (edges that run along the pixels, noise that is not independent, a shadow's edge) the corner's neighbours
+do: :mod:`stereocal.board.corner_errors` corrects the covariances.
 
 ``cv2.cornerSubPix`` instead asks for the point that all gradients in the window are perpendicular to. Its pixels
 on the edges count alike whether sharp or noisy, and a window that reaches the next corner pulls it there.
 
 **The window** is the parallelogram of the corner's own grid steps, |xi| <= h, |eta| <= h: it follows spacing and
 orientation, and reaches no other edge while h + 2.2 s / step < 1. It is no wider than a cap in pixels, which bounds
-the time.
+the time. A wider window averages more noise, sigma^2 / h, but trusts the lines further: where they bend otherwise than
+by the parabola below, by beta a step, the corner is off by beta h^2. The sum of both, with sigma known at h0 = 0.52,
+
+    sigma^2 h0 / h + beta^2 h^4        is least at        h^5 = h0 sigma^2 / (4 beta^2),
+
+so that clear pictures are fitted with h0, and noisy ones with up to 0.75.
 
 **The bend of the lines.** Distortion bends straight lines: over a window of 40 px by several hundredths of a pixel,
 more than the noise. The fit knows the bend from the neighbours: with the second difference P(i+1) - 2 P(i) + P(i-1)
@@ -26,7 +33,7 @@ are fitted twice, first without bends, then with those of the first fit.
 **The light.** A lens darkens towards its corners, and lamps stand on one side. A level that changes over the window
 pulls the corner by a hundredth of a pixel and more, in proportion to the blur. It is treated as the bend is: the
 levels a and b of the first fit, corner by corner, have slopes along the grid, and the second fit takes them out of
-the pixels.
+the pixels. Steps, bends and slopes are :mod:`stereocal.board.subpixel_geometry`.
 
 Sources: Lucchese and Mitra, *Using saddle points for subpixel feature detection*, 2002, and Duda and Frese, *Accurate
 detection and localization of checkerboard corners for calibration*, BMVC 2018, fit the region too; the product of error
@@ -35,17 +42,18 @@ functions is the closed form of a blurred corner. The bend, the light and the wi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import ndimage
 
 from stereocal.base.checks import Float, as_points
 from stereocal.base.errors import InputError
 from stereocal.base.gray import to_gray
 from stereocal.board.chessboard import Chessboard, as_inner_corners
+from stereocal.board.corner_errors import judge_corners
+from stereocal.board.subpixel_geometry import grid_steps, light_slopes
 
 HALF_WINDOW = 0.52
 """Half side of the window in steps of the grid."""
@@ -54,9 +62,10 @@ FIRST_HALF_WINDOW = 0.3
 LARGEST_HALF_WINDOW = 24.0
 """Half side of the window in pixels, at most."""
 
-ALIASING_ERROR = 0.004
-"""Error of the model per axis, px, where an edge is sharper than the pixels can show; times the share of the contrast
-that reaches the Nyquist frequency, exp(-(pi sigma)^2 / 2). Measured on renders."""
+WIDEST_HALF_WINDOW = 0.75
+"""The same where there is much noise."""
+BEND_ERROR = 0.025
+"""By how much lines bend otherwise than a parabola over one step, px, on photographs of printed boards."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +85,8 @@ class SaddleFit:
     noise : ndarray of shape (N,)
         Standard deviation of the residuals, grey levels.
     converged : ndarray of shape (N,), bool
+    strays : ndarray of shape (N,), bool
+        Corners that stand where their neighbours do not see them; their covariances say so.
     """
 
     corners: Float
@@ -84,46 +95,11 @@ class SaddleFit:
     contrasts: Float
     noise: Float
     converged: NDArray[np.bool_]
-
-
-def grid_steps(grid: Float) -> tuple[Float, Float]:
-    """Steps and bends of a full grid of corners.
-
-    Parameters
-    ----------
-    grid : ndarray of shape (J, I, 2)
-        Corners, row by row.
-
-    Returns
-    -------
-    steps : ndarray of shape (J, I, 4)
-        (dx, dy) along i, then along j: central differences, one-sided at the border.
-    bends : ndarray of shape (J, I, 2)
-        Normal component of the second differences along i and along j; at the border that of the corner next to it;
-        then the mean over 3x3 corners, because a second difference has six times the variance of a corner.
-    """
-    along_i, along_j = _differences(grid, 1), _differences(grid, 0)
-    bends = np.empty((*grid.shape[:2], 2))
-    for axis, step in ((1, along_i), (0, along_j)):
-        second = np.zeros_like(grid)
-        if grid.shape[axis] >= 3:
-            inner = np.diff(grid, 2, axis=axis)
-            second = np.concatenate([inner.take([0], axis), inner, inner.take([-1], axis)], axis=axis)
-        normal = np.stack([-step[..., 1], step[..., 0]], axis=-1) / np.linalg.norm(step, axis=-1, keepdims=True)
-        bends[..., 1 - axis] = np.sum(second * normal, axis=-1)
-    bends = ndimage.uniform_filter(bends, (3, 3, 1), mode="nearest")
-    return np.concatenate([along_i, along_j], axis=-1), bends
-
-
-def _differences(grid: Float, axis: int) -> Float:
-    step = np.diff(grid, axis=axis)
-    first, last = step.take([0], axis), step.take([-1], axis)
-    middle = (np.delete(step, 0, axis) + np.delete(step, -1, axis)) / 2
-    return np.asarray(np.concatenate([first, middle, last], axis=axis))
+    strays: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, np.bool_))
 
 
 def fit_corner_grid(
-    gray: NDArray[Any], grid: Float, *, half_window: float = HALF_WINDOW, blur: float | None = None
+    gray: NDArray[Any], grid: Float, *, half_window: float | None = None, blur: float | None = None
 ) -> SaddleFit:
     """Fit the blurred saddle at every corner of a full grid.
 
@@ -133,8 +109,8 @@ def fit_corner_grid(
         The image, any real dtype.
     grid : ndarray of shape (J, I, 2)
         Corners to half a blur or so.
-    half_window : float
-        In steps of the grid.
+    half_window : float, optional
+        In steps of the grid; otherwise by the noise, see above.
     blur : float, optional
         Start of s, px; otherwise a tenth of the steps, 1.5 at least.
     """
@@ -152,8 +128,7 @@ def fit_corner_grid(
         width = np.minimum(np.maximum(1.2, 0.1 * narrow), 4.0)
     else:
         width = np.full(n, blur)
-    half = np.minimum(half_window, np.maximum(FIRST_HALF_WINDOW, 11.0 / shortest))
-    half = _window(half, length)
+    half = _window(np.maximum(FIRST_HALF_WINDOW, 11.0 / shortest), HALF_WINDOW, length)
     zero = np.zeros((n, 2))
     fit_saddles(
         gray, given, steps, zero, half, 2 * width + 2, np.zeros((n, 5)), width, True, 2e-2, 12, theta, covariance, info
@@ -162,14 +137,12 @@ def fit_corner_grid(
     near = np.hypot(*(theta[:, :2] - given).T) < 0.35 * shortest
     points = np.where(near[:, None], theta[:, :2], given)
     if near.any():
-        typical = np.median(theta[near], axis=0)
-        signs = np.where(theta[:, 6] < 0, -1, 1)
-        theta[:, 4] = np.where(near, np.abs(theta[:, 4]), abs(typical[4]))
-        theta[:, 5] = np.where(near, theta[:, 5], typical[5])
-        theta[:, 6] = np.where(near, theta[:, 6], signs * np.median(np.abs(theta[near, 6])))
+        _calm(theta, near)
+    if half_window is None:
+        half_window = _half_window(covariance[near], half[near], theta[near, 4], shortest[near])
     steps, bends = _flat_steps(points, shape)
-    half = _window(np.full(n, half_window), np.hypot(steps[:, ::2], steps[:, 1::2]))
-    light = _light(theta, shape)
+    half = _window(np.full(n, half_window), half_window, np.hypot(steps[:, ::2], steps[:, 1::2]))
+    light = light_slopes(np.stack([theta[:, 5], np.abs(theta[:, 6])], -1).reshape(*shape, 2)).reshape(-1, 5)
     band = 2 * theta[:, 4] + 1
     fit_saddles(gray, points, steps, bends, half, band, light, width, False, 2e-3, 15, theta, covariance, info)
     late = np.nonzero(info[:, 2] == 0)[0]
@@ -178,43 +151,63 @@ def fit_corner_grid(
         results = [theta[late], covariance[late], info[late]]
         fit_saddles(gray, *again, False, 2e-3, 100, *results)
         theta[late], covariance[late], info[late] = results
-    near = np.hypot(*(theta[:, :2] - given).T) < 0.35 * shortest
-    edge_widths = np.abs(theta[:, 4]) / np.sqrt(2)
-    aliased = ALIASING_ERROR * np.exp(-((np.pi * edge_widths) ** 2) / 2)
+    converged = (info[:, 2] > 0) & (np.hypot(*(theta[:, :2] - given).T) < 0.35 * shortest)
+    return _with_honest_covariances(theta, covariance, info, converged, shape, float(np.median(half)))
+
+
+def _calm(theta: Float, near: NDArray[np.bool_]) -> None:
+    """Start the second fit of corners that ran away from the levels and the blur of the others."""
+    typical = np.median(theta[near], axis=0)
+    signs = np.where(theta[:, 6] < 0, -1, 1)
+    theta[:, 4] = np.where(near, np.abs(theta[:, 4]), abs(typical[4]))
+    theta[:, 5] = np.where(near, theta[:, 5], typical[5])
+    theta[:, 6] = np.where(near, theta[:, 6], signs * np.median(np.abs(theta[near, 6])))
+
+
+def _half_window(covariance: Float, half: Float, s: Float, shortest: Float) -> float:
+    """Half window in steps, by the noise of the first fit: h^5 = 0.13 (sigma / BEND_ERROR)^2."""
+    spread = np.trace(covariance, axis1=1, axis2=2) / 2 * half / HALF_WINDOW
+    spread = spread[np.isfinite(spread)]
+    if not spread.size:
+        return HALF_WINDOW
+    wide = (0.13 * float(np.median(spread)) / BEND_ERROR**2) ** 0.2
+    free = 1 - 2.2 * float(np.median(s / shortest))
+    return max(HALF_WINDOW, min(wide, WIDEST_HALF_WINDOW, free))
+
+
+def _with_honest_covariances(
+    theta: Float, covariance: Float, info: Float, converged: NDArray[np.bool_], shape: tuple[int, ...], half: float
+) -> SaddleFit:
+    """The fits' own covariances, corrected by what the neighbours say."""
+    corners = theta[:, :2].copy()
+    own = np.where(converged[:, None, None], covariance, np.nan)
+    shared = max(0.0, 1 - 0.5 / half)
+    judged = judge_corners(np.where(np.isfinite(corners), corners, 0.0), own, (shape[0], shape[1]), correlation=shared)
+    stray = np.sum(judged.distances**2, axis=1) / 2
     return SaddleFit(
-        theta[:, :2].copy(),
-        covariance + (aliased**2)[:, None, None] * np.eye(2),
-        edge_widths,
+        corners,
+        judged.factor * covariance + stray[:, None, None] * np.eye(2),
+        np.abs(theta[:, 4]) / np.sqrt(2),
         2 * np.abs(theta[:, 6]),
         np.sqrt(info[:, 0]),
-        (info[:, 2] > 0) & near,
+        converged,
+        judged.strays,
     )
 
 
 def _flat_steps(points: Float, shape: tuple[int, ...]) -> tuple[Float, Float]:
     steps, bends = grid_steps(points.reshape(*shape, 2))
-    return np.ascontiguousarray(steps.reshape(-1, 4)), np.ascontiguousarray(bends.reshape(-1, 2))
+    return steps.reshape(-1, 4), bends.reshape(-1, 2)
 
 
-def _light(theta: Float, shape: tuple[int, ...]) -> Float:
-    """(a, slopes of a along i and j, slopes of b over b) at each corner, from the levels of the corners around."""
-    levels = np.stack([theta[:, 5], np.abs(theta[:, 6])], axis=-1).reshape(*shape, 2)
-    slopes = [ndimage.uniform_filter(_differences(levels, axis), (5, 5, 1), mode="nearest") for axis in (1, 0)]
-    a, b = levels[..., 0], np.maximum(levels[..., 1], 1e-6)
-    light = [a, slopes[0][..., 0], slopes[1][..., 0], slopes[0][..., 1] / b, slopes[1][..., 1] / b]
-    return np.ascontiguousarray(
-        np.clip(np.stack(light, -1), [-1e9, -1e9, -1e9, -0.5, -0.5], [1e9, 1e9, 1e9, 0.5, 0.5])
-    ).reshape(-1, 5)
-
-
-def _window(half: Float, length: Float) -> Float:
+def _window(half: Float, most: float, length: Float) -> Float:
     """Half windows in steps: no more than the cap in pixels; at least 3 pixels of the shorter step, but 0.8 steps."""
-    capped = np.minimum(half, LARGEST_HALF_WINDOW / length.max(axis=1))
+    capped = np.minimum(np.minimum(half, most), LARGEST_HALF_WINDOW / length.max(axis=1))
     return np.maximum(capped, np.minimum(0.8, 3.0 / length.min(axis=1)))
 
 
 def refine_corners(
-    image: ArrayLike, corners: ArrayLike, board: Chessboard | tuple[int, int], *, half_window: float = HALF_WINDOW
+    image: ArrayLike, corners: ArrayLike, board: Chessboard | tuple[int, int], *, half_window: float | None = None
 ) -> Float:
     """Refine the corners of a board by fitting I = a + b erf(u/s) erf(v/s) around each.
 
@@ -226,8 +219,8 @@ def refine_corners(
         All corners of the board, row by row (in either direction), to a pixel or so.
     board : Chessboard or (columns, rows)
         Says which corners are neighbours: window, orientation and bend follow from them.
-    half_window : float
-        Half side of the window, in steps of the grid (0.3 to 0.7).
+    half_window : float, optional
+        Half side of the window, in steps of the grid (0.3 to 0.7); by default 0.52, and more where there is much noise.
 
     Returns
     -------
