@@ -18,6 +18,7 @@
 ``zhang``                           camera matrix and pose from homographies, in closed form
 ``calibration``                     calibrate_camera: from corners to a camera with its uncertainty
 ``initialisation``                  where the iteration starts
+``lens_starts``                     where a lens starts
 ``bundle``                          bundle adjustment: residuals, derivatives, block normal equations
 ``bundle_kernels``                  the same, compiled
 ``bundle_solver``                   Levenberg–Marquardt on the blocks

@@ -59,6 +59,10 @@ class DistortionModel(ABC):
         """Return the k that a calibration begins with; differs from neutral where ∂x_d/∂k vanishes there."""
         return self.neutral()
 
+    def stuck(self, k: Float) -> tuple[str, ...]:
+        """Return the parameters that do not change the map to first order at k: a bound no step leads away from."""
+        return ()
+
     @abstractmethod
     def distort(self, x: Float, k: Float) -> Float:
         """Return x_d (N, 2) of ideal points x (N, 2); NaN where the model has no answer."""

@@ -33,6 +33,10 @@ class FieldOfView(DistortionModel):
         """Return ω = 0.5: at ω = 0 the derivative by ω vanishes."""
         return np.array([0.5])
 
+    def stuck(self, k: Float) -> tuple[str, ...]:
+        """Return ω near 0, where a lens that draws pincushions ends: the model has none such."""
+        return ("omega",) if abs(k[0]) < _SMALL else ()
+
     def distort(self, x: Float, k: Float) -> Float:
         """Return x arctan(2 r tan(ω/2)) / (r ω)."""
         return self.jacobians(x, k)[0]

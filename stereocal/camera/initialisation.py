@@ -21,9 +21,10 @@ other starts are tried too and the lowest F wins.
 Then each board is tilted the other way: far off, a board and its mirror image in tilt look almost the same (Necker's
 reversal), and a pose that began on the wrong side stays there.
 
-The lens starts from none, or, for models whose parameters do not begin at zero or that undo badly, in stages: a fit
-with k1, k2, and then the model's own k (and a scale of the focal length) fitted to that lens's curve at the corners
-seen.
+The lens starts from none or, where that is no good start, as ``lens_starts`` has it. A lens of many coefficients
+(rational and beyond) has minima of its own and long flat valleys between them: every start gets a limited number of
+steps, and only the lowest few go on to the end. A parameter that has come to a bound of its model, where it changes
+nothing to first order, is held there and the rest goes on (a field-of-view lens asked to draw a pincushion).
 """
 
 from __future__ import annotations
@@ -35,14 +36,12 @@ import numpy as np
 
 from stereocal.base.checks import Float
 from stereocal.base.errors import ConvergenceError, DegenerateGeometryError
-from stereocal.base.least_squares import minimize_least_squares
-from stereocal.camera.bundle import Bundle, BundleState, residuals
+from stereocal.camera.bundle import Bundle, BundleState, normal_equations, residuals
 from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
 from stereocal.camera.covariance import inverse_of_schur
 from stereocal.camera.distortion_base import DistortionModel
-from stereocal.camera.distortion_polynomial import Polynomial
 from stereocal.camera.homography import fit_homography
-from stereocal.camera.parameters import free_columns, intrinsic_names
+from stereocal.camera.lens_starts import SMALLER, staged_start, start_from_smaller, start_without_prism, state_of
 from stereocal.camera.zhang import poses_of_homographies, zhang_intrinsics
 
 # Models that OpenCV has, whose lens may start from zero; the others start from a fit with k1, k2.
@@ -51,6 +50,10 @@ _DIRECT_START = ("pinhole", "polynomial", "brown", "rational", "thin_prism", "ti
 _MANY_STEPS = 20
 _UNSURE = 0.01
 _REVERSALS = 5
+# Steps of each start, and how near to the lowest (as a part of F) a start must come to go on from there.
+_TRIAL_STEPS = 200
+_NEAR = 2e-3
+_POLISHED = 3
 
 
 @dataclass
@@ -181,13 +184,13 @@ def solve_from_starts(
         If no start leads anywhere.
     """
     H = homographies_of_views(bundle, backend=backend)
-    best: BundleSolution | None = None
+    tried: list[BundleSolution] = []
     for state in _starting_states(H, bundle, lens, held, image_size, aspect_ratio, backend):
-        solution = solve_bundle(bundle, state, max_iterations=max_iterations, backend=backend)
-        if best is None or solution.cost < best.cost:
-            best = solution
-        if _beyond_doubt(bundle, solution, image_size):
-            return best
+        solution = solve_bundle(bundle, state, max_iterations=min(max_iterations, _TRIAL_STEPS), backend=backend)
+        tried.append(_held_where_stuck(bundle, solution, lens, max_iterations, backend))
+        if _beyond_doubt(bundle, tried[-1], image_size):
+            return min(tried, key=lambda solution: solution.cost)
+    best = _polished(bundle, tried, max_iterations, backend)
     for _ in range(_REVERSALS):
         if best is None or not np.isfinite(best.cost):
             break
@@ -204,6 +207,34 @@ def solve_from_starts(
             "inner corners"
         )
     return best
+
+
+def _polished(bundle: Bundle, tried: list[BundleSolution], max_iterations: int, backend: str) -> BundleSolution | None:
+    """The lowest of the solutions tried, after those near to it that had not arrived have gone on."""
+    tried = sorted((s for s in tried if np.isfinite(s.cost)), key=lambda solution: solution.cost)
+    near = [s for s in tried if s.cost <= tried[0].cost * (1 + _NEAR)]
+    done = []
+    for solution in near[:_POLISHED]:
+        left = max_iterations - solution.iterations
+        if solution.reason == "iterations" and left > 0:
+            further = solve_bundle(bundle, solution.state, max_iterations=left, backend=backend)
+            solution = replace(further, iterations=solution.iterations + further.iterations)
+        done.append(solution)
+    return min(done, key=lambda solution: solution.cost, default=None)
+
+
+def _held_where_stuck(
+    bundle: Bundle, solution: BundleSolution, lens: DistortionModel, max_iterations: int, backend: str
+) -> BundleSolution:
+    """Go on with the parameters held that reached a bound of the model (``DistortionModel.stuck``)."""
+    stuck = lens.stuck(solution.state.intrinsics[0][5:])
+    if solution.converged or not stuck:
+        return solution
+    rows = [5 + lens.parameter_names.index(name) for name in stuck]
+    part = replace(bundle, G=bundle.G[:, ~np.any(bundle.G[rows] != 0, axis=0)])
+    further = solve_bundle(part, solution.state, max_iterations=max_iterations, backend=backend)
+    equations = normal_equations(bundle, further.state)
+    return replace(further, equations=equations, iterations=solution.iterations + further.iterations)
 
 
 def _with_reversed_poses(bundle: Bundle, solution: BundleSolution, backend: str) -> BundleState | None:
@@ -241,65 +272,37 @@ def _starting_states(
     direct = lens.name in _DIRECT_START or set(lens.parameter_names) <= held
     middle = ((image_size[0] - 1) / 2, (image_size[1] - 1) / 2)
 
+    def staged(start: Start, *, hold_centre: bool) -> BundleState:
+        camera = (start.K, start.R, start.t)
+        return staged_start(bundle, camera, lens, held, backend, hold_centre=hold_centre)
+
     def begin(start: Start) -> BundleState:
         if "cx" in held:
             start.K[0, 2] = middle[0]
         if "cy" in held:
             start.K[1, 2] = middle[1]
-        return (
-            _state(start, lens.neutral()) if direct else _staged(bundle, start, lens, held, backend, hold_centre=False)
-        )
+        return state_of(start.K, start.R, start.t, lens.neutral()) if direct else staged(start, hold_centre=False)
 
+    if lens.name in SMALLER and not set(lens.parameter_names) <= held:
+
+        def solve(part: Bundle, smaller: DistortionModel, held: set[str]) -> BundleSolution:
+            return solve_from_starts(part, smaller, held, image_size, aspect_ratio=aspect_ratio,
+                                     max_iterations=_TRIAL_STEPS, backend=backend)  # fmt: skip
+
+        from_smaller = start_from_smaller(bundle, lens, held, aspect_ratio, solve)
+        if from_smaller is not None:
+            yield from_smaller
+            if lens.name == "tilted":
+                yield start_without_prism(bundle, lens, from_smaller, held, aspect_ratio, _TRIAL_STEPS)
     for start in closed_form_starts(H, bundle, image_size, aspect_ratio):
         yield begin(start)
+        if lens.name == "tilted":
+            return  # its steps are not compiled: three starts are enough
     found = focal_search(H, bundle, image_size, aspect_ratio)
     for start in found:
         yield begin(start)
     for start in found[:1]:
-        yield _staged(bundle, start, lens, held, backend, hold_centre=True)
-
-
-def _state(start: Start, k: Float) -> BundleState:
-    K = start.K
-    theta = np.concatenate([[K[0, 0], K[1, 1], K[0, 2], K[1, 2], K[0, 1]], k])
-    return BundleState([theta], np.eye(3)[None], np.zeros((1, 3)), start.R, start.t)
-
-
-def _staged(
-    bundle: Bundle, start: Start, lens: DistortionModel, held: set[str], backend: str, *, hold_centre: bool
-) -> BundleState:
-    """A fit with k1, k2 alone, and its curve taken over by the model."""
-    simple = Polynomial()
-    hold = {"skew"} | (held & {"cx", "cy", "fx", "fy"}) | ({"cx", "cy"} if hold_centre else set())
-    tied = replace(bundle, models=[simple], G=free_columns(intrinsic_names(simple), hold, None), prior_weights=None,
-                   shape_basis=None)  # fmt: skip
-    first = solve_bundle(tied, _state(start, np.zeros(2)), max_iterations=50, backend=backend)
-    if not np.isfinite(first.cost):
-        return _state(start, lens.start())
-    theta, state = first.state.intrinsics[0], first.state
-    view = np.repeat(bundle.view_of_block, np.diff(bundle.offsets))
-    X_c = np.einsum("nij,nj->ni", state.R_views[view], bundle.points) + state.t_views[view]
-    k, scale = _convert_lens(lens, theta[5:], X_c[:, :2] / X_c[:, 2:])
-    K = np.array([[theta[0] * scale, 0, theta[2]], [0, theta[1] * scale, theta[3]], [0, 0, 1.0]])
-    return _state(Start(K, state.R_views, state.t_views, 0.0), k)
-
-
-def _convert_lens(target: DistortionModel, k12: Float, x: Float) -> tuple[Float, float]:
-    """The k of `target`, and a scale a of the focal length, with a·x_d(x; k) = the curve of k1, k2 at the points x."""
-    free = np.array([name not in target.fixed_by_default for name in target.parameter_names], dtype=bool)
-    k = target.start()
-    if not free.any():
-        return k, 1.0
-    wanted = Polynomial().distort(x, k12)
-
-    def curve(p: Float) -> Float:
-        trial = k.copy()
-        trial[free] = p[1:]
-        return np.asarray((p[0] * target.distort(x, trial) - wanted).ravel())
-
-    fit = minimize_least_squares(curve, np.concatenate([[1.0], k[free]]), max_iterations=60)
-    k[free] = fit.x[1:]
-    return k, float(fit.x[0])
+        yield staged(start, hold_centre=True)
 
 
 def plausible(fx: float, fy: float, cx: float, cy: float, image_size: tuple[int, int], margin: float = 0.25) -> bool:
