@@ -160,21 +160,23 @@ def rotation_vectors(R: Float) -> Float:
     """
     d0, d1, d2 = R[:, 0, 0], R[:, 1, 1], R[:, 2, 2]
     a, b, c = R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]
-    xy, xz, yz = R[:, 0, 1] + R[:, 1, 0], R[:, 0, 2] + R[:, 2, 0], R[:, 1, 2] + R[:, 2, 1]
-    entries = [
-        [1 + d0 + d1 + d2, a, b, c],
-        [a, 1 + d0 - d1 - d2, xy, xz],
-        [b, xy, 1 - d0 + d1 - d2, yz],
-        [c, xz, yz, 1 - d0 - d1 + d2],
-    ]
-    columns = np.array(entries).transpose(2, 0, 1)
-    best = np.argmax(columns[:, range(4), range(4)], axis=1)
-    q = columns[np.arange(len(R)), best]
-    q = q / np.linalg.norm(q, axis=1, keepdims=True)
-    q = np.where(q[:, :1] < 0, -q, q)
-    length = np.linalg.norm(q[:, 1:], axis=1)
-    safe = np.where(length > 1e-300, length, 1.0)
-    return np.asarray((2 * np.arctan2(length, q[:, 0]) / safe)[:, None] * q[:, 1:])
+    w = 1 + d0 + d1 + d2
+    if len(R) and w.min() > 1:  # none turns by more than 120 degrees: the first column is as good as any
+        q = np.array([w, a, b, c])
+    else:
+        xy, xz, yz = R[:, 0, 1] + R[:, 1, 0], R[:, 0, 2] + R[:, 2, 0], R[:, 1, 2] + R[:, 2, 1]
+        columns = np.array([
+            [w, a, b, c],
+            [a, 1 + d0 - d1 - d2, xy, xz],
+            [b, xy, 1 - d0 + d1 - d2, yz],
+            [c, xz, yz, 1 - d0 - d1 + d2],
+        ])  # fmt: skip
+        best = np.argmax(columns[range(4), range(4)], axis=0)
+        q = columns[best, :, np.arange(len(R))].T
+        q = np.where(q[0] < 0, -q, q)
+    length = np.sqrt(q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
+    factor = 2 * np.arctan2(length, q[0]) / np.where(length > 1e-300, length, 1.0)
+    return np.ascontiguousarray((factor * q[1:]).T)
 
 
 def left_jacobian_inverse(rvecs: Float) -> Float:

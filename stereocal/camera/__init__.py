@@ -22,6 +22,7 @@
 ``bundle``                          bundle adjustment: residuals, derivatives, block normal equations
 ``bundle_kernels``                  the same, compiled
 ``bundle_solver``                   Levenberg–Marquardt on the blocks
+``bundle_step_kernels``             its steps, compiled
 ``bundle_problem``                  from lists of views to flat arrays
 ``board_shape``                     the board's shape as unknowns
 ``board_shape_fit``                 fitting it, and asking held-out views

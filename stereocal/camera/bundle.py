@@ -123,6 +123,11 @@ class Bundle:
         start = self.intrinsic_slices[-1].stop + 6 * (len(self.models) - 1)
         return slice(start, start + (0 if self.shape_basis is None else self.shape_basis.shape[2]))
 
+    @cached_property
+    def by_axes(self) -> tuple[Float, Float]:
+        """Points (3, M) and measured corners (2, M), as the kernels read them."""
+        return np.ascontiguousarray(self.points.T), np.ascontiguousarray(self.measured.T)
+
     def rows_of_camera(self, camera: int) -> tuple[slice, np.ndarray]:
         """Return the rows of a camera's measurements and its blocks."""
         blocks = np.flatnonzero(self.camera_of_block == camera)
@@ -184,8 +189,8 @@ class BundleState:
 class NormalEquations:
     """F and its normal equations at a state: U (F, F), b_z (F,), V (V, 6, 6), b_v (V, 6), W (V, F, 6).
 
-    `schur` and `inverse` keep the Schur complement and S⁻¹ once ``bundle_solver`` and ``covariance`` have computed
-    them.
+    `residuals` (M, 2) are p̃ − y there, neither weighted nor robust. `schur` and `inverse` keep the Schur complement and
+    S⁻¹ once ``bundle_solver`` and ``covariance`` have computed them.
     """
 
     cost: float
@@ -194,8 +199,14 @@ class NormalEquations:
     V: Float
     b_views: Float
     W: Float
+    residuals: Float
     schur: tuple[Float, Float] | None = None
     inverse: tuple[Float, Float] | None = None
+
+    @cached_property
+    def V_inverse(self) -> Float:
+        """All V⁻¹, (V, 6, 6)."""
+        return np.asarray(np.linalg.inv(self.V))
 
 
 def residuals(bundle: Bundle, state: BundleState) -> Float:
@@ -245,10 +256,12 @@ def normal_equations(bundle: Bundle, state: BundleState) -> NormalEquations:
 
     free = bundle.G.shape[1]
     out = NormalEquations(0.0, np.zeros((free, free)), np.zeros(free), np.zeros((bundle.view_count, 6, 6)),
-                          np.zeros((bundle.view_count, 6)), np.zeros((bundle.view_count, free, 6)))  # fmt: skip
+                          np.zeros((bundle.view_count, 6)), np.zeros((bundle.view_count, free, 6)),
+                          np.empty_like(bundle.measured))  # fmt: skip
     for c in range(len(bundle.models)):
         r, J_shared, J_pose = camera_jacobian(bundle, state, c)
         rows, blocks = bundle.rows_of_camera(c)
+        out.residuals[rows] = r
         if not np.all(np.isfinite(r)):
             out.cost = np.inf
             return out

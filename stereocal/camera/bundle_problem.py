@@ -18,19 +18,14 @@ def make_bundle(
     models: list[DistortionModel], objects: list[list[Float]], images: list[list[Float]], G: Float
 ) -> Bundle:
     """Return the measurements of cameras (outer list) in views (inner list) as one :class:`Bundle`."""
-    points, measured, cameras, views = [], [], [], []
-    for camera, (boards, corners) in enumerate(zip(objects, images, strict=True)):
-        for view, (X, y) in enumerate(zip(boards, corners, strict=True)):
-            if len(y):
-                points.append(X)
-                measured.append(y)
-                cameras.append(camera)
-                views.append(view)
-    offsets = np.cumsum([0, *map(len, measured)])
-    return Bundle(
-        models, np.concatenate(points), np.concatenate(measured), offsets, np.array(cameras), np.array(views), G,
-        len(objects[0]),
-    )  # fmt: skip
+    counts = np.array([len(y) for corners in images for y in corners])
+    seen = np.flatnonzero(counts)  # blocks in order: all views of the first camera, then of the next
+    points = np.concatenate([X for boards, corners in zip(objects, images, strict=True)
+                             for X, y in zip(boards, corners, strict=True) if len(y)])  # fmt: skip
+    measured = np.concatenate([y for corners in images for y in corners])
+    offsets = np.concatenate([[0], counts[seen].cumsum()])
+    views = len(objects[0])
+    return Bundle(models, points, measured, offsets, seen // views, seen % views, G, views)
 
 
 def whitening_of(covariances: Sequence[Sequence[ArrayLike] | None], images: list[list[Float]]) -> Float | None:

@@ -4,7 +4,9 @@ One step solves the damped equations of ``bundle`` by the Schur complement over 
 becomes of the damping μ, is decided by the gain ratio as in ``base.least_squares``. The iteration ends when
 
 - gradient: every |b_i| / √(A_ii F) ≤ 1e-10: the residuals are orthogonal to all that can be changed;
-- cost: the decrease that the model still promises is ≤ 1e-14 F, or F has come down to rounding (1e-9 px a point);
+- cost: the decrease that is still to come is ≤ 1e-14 F, or F has come down to rounding (1e-9 px a point). To come is
+  what the model promises; or, of steps that are hardly damped and win, what those after this one will: promises p then
+  fall like a geometric series, of a ratio q that the last three tell (the larger counts), and p q / (1 − q) is left;
 - step: no coordinate would move by more than 1e-12 of its own scale.
 
 The last two count only while μ is small: a heavily damped step is short and promises little, far from any optimum.
@@ -12,12 +14,13 @@ Where residuals are large, μ may settle above that. If F then ceases to fall by
 once more with a small μ.
 
 The loop is written once. What it drives is an engine: :class:`NumpyEngine`, the equations of ``bundle`` as they
-stand, for every lens and option; or :class:`CompiledEngine`, their twin in ``bundle_kernels``.
+stand, for every lens and option; or :class:`CompiledEngine`, their twin in ``bundle_kernels`` and
+``bundle_step_kernels``.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -37,16 +40,12 @@ _ROUNDING_OF_PIXELS = 16 * np.finfo(np.float64).eps
 # A step damped more than this says nothing about convergence.
 _TRUSTED_DAMPING = 1e-3
 _HOPELESS_DAMPING = 1e18
+# A step damped less than this is as good as one of Gauss and Newton.
+_NEGLIGIBLE_DAMPING = 1e-6
 
-# Where the kernels keep a model's coefficients: after fx fy cx cy s, in OpenCV's order k1 k2 p1 p2 k3 k4 k5 k6 s1 … s4.
-_KERNEL_SLOTS = {
-    "pinhole": np.arange(5, 5),
-    "polynomial": np.arange(5, 7),
-    "brown": np.arange(5, 10),
-    "rational": np.arange(5, 13),
-    "thin_prism": np.arange(5, 17),
-}
-_SLOTS = 17
+# The models that the kernels know, and how many coefficients of theirs.
+_KERNEL_SLOTS = {"pinhole": 0, "polynomial": 2, "brown": 5, "rational": 8, "thin_prism": 12, "tilted": 14, "fisheye": 4}
+_SLOTS = 19
 
 
 @dataclass
@@ -132,6 +131,7 @@ def solve_bundle(
     engine: BundleEngine = CompiledEngine(bundle, state) if compiled else NumpyEngine(bundle, state)
     mu, nu = initial_damping, 2.0
     iterations, reason, asked = 0, "", False
+    last = (1e-300, np.inf)  # what the last two steps promised
     floor = len(bundle.points) * _PERFECT_FIT**2
     # rounding e of each residual r changes F by 2Σre, of the size of 2e√F: of exact corners that is more than 1e-11 F
     rounding_of_r = _ROUNDING_OF_PIXELS * float(np.abs(bundle.measured).max(initial=0.0))
@@ -153,14 +153,17 @@ def solve_bundle(
         won = cost - cost_there
         noise = max(_ROUNDING * cost, rounding_of_r * np.sqrt(cost))
         if mu <= _TRUSTED_DAMPING:
+            q = max(promised / last[1], last[1] / last[0])
+            to_come = promised * q / (1 - q) if won > 0 and mu <= _NEGLIGIBLE_DAMPING and q < 1 else np.inf
             rounding = won <= 0 and max(promised, -won) <= noise
             if longest <= _STEP_TOLERANCE * np.sqrt(cost):
                 reason = "step"
-            elif promised <= _COST_TOLERANCE * cost or rounding:
+            elif min(promised, to_come) <= _COST_TOLERANCE * cost or rounding:
                 reason = "cost"
         if won > 0:
             rho = won / promised if promised > 0 else 1.0
             engine.accept()
+            last = (last[1], promised)
             mu, nu, asked = max(mu * max(0.1, 1 - (2 * rho - 1) ** 3), 1e-16), 2.0, False
         elif not asked and mu > _TRUSTED_DAMPING and max(promised, -won) <= noise:
             mu, nu, asked = _TRUSTED_DAMPING, 2.0, True
@@ -171,7 +174,7 @@ def solve_bundle(
 
 
 def has_kernel(bundle: Bundle) -> bool:
-    """Whether the compiled twin knows this bundle: lenses of OpenCV's family without tilt, a flat board, no priors."""
+    """Whether the compiled twin knows this bundle: OpenCV's lenses, a flat board, no priors."""
     return (
         all(model.name in _KERNEL_SLOTS for model in bundle.models)
         and bundle.shape_basis is None
@@ -199,10 +202,9 @@ def schur_complement(equations: NormalEquations) -> tuple[Float, Float]:
         If a V is singular: a view that does not determine its pose.
     """
     if equations.schur is None:
-        free = len(equations.U)
+        free, rows = len(equations.U), 6 * len(equations.V)
         Wt = equations.W.transpose(0, 2, 1)
-        V_inv_Wt = np.linalg.solve(equations.V, Wt)
-        rows = 6 * len(equations.V)
+        V_inv_Wt = equations.V_inverse @ Wt
         S = equations.U - Wt.reshape(rows, free).T @ V_inv_Wt.reshape(rows, free)
         schur = (np.asarray(0.5 * (S + S.T)), np.asarray(V_inv_Wt))
         equations.schur = schur
@@ -257,58 +259,58 @@ class NumpyEngine:
 
 
 class CompiledEngine:
-    """The same, by the kernels of ``bundle_kernels``; arrays here and there change places when a step is taken."""
+    """The same, by the kernels of ``bundle_kernels`` and ``bundle_step_kernels``.
+
+    Arrays here and there change places when a step is taken.
+    """
 
     def __init__(self, bundle: Bundle, state: BundleState) -> None:
-        from stereocal.camera import bundle_kernels as kernels
+        from stereocal.camera import bundle_kernels, bundle_step_kernels
 
-        self._kernels = kernels
+        self._fill, self._steps = bundle_kernels.normal_equations_kernel, bundle_step_kernels
         cameras, free, views = len(bundle.models), bundle.G.shape[1], bundle.view_count
-        self._slots = [np.concatenate([np.arange(5), _KERNEL_SLOTS[model.name]]) for model in bundle.models]
+        self._slots = [_KERNEL_SLOTS[model.name] for model in bundle.models]
         self._map = _kernel_map(bundle.G, self._slots)
+        kinds = [{"tilted": 1, "fisheye": 2}.get(model.name, 0) for model in bundle.models]
+        self._lenses = (np.array(self._slots), np.array(kinds) if any(kinds) else None)
+        plain = bundle.whitening is None and bundle.loss == "linear"
         whitening = np.zeros((4, 0)) if bundle.whitening is None else bundle.whitening.reshape(-1, 4).T
         self._data = (
-            np.ascontiguousarray(bundle.points.T), np.ascontiguousarray(bundle.measured.T), bundle.offsets,
-            bundle.camera_of_block, bundle.view_of_block, np.ascontiguousarray(whitening), LOSSES.index(bundle.loss),
-            float(bundle.loss_scale),
+            *bundle.by_axes, bundle.offsets, bundle.camera_of_block, bundle.view_of_block,
+            np.ascontiguousarray(whitening), None if plain else LOSSES.index(bundle.loss), float(bundle.loss_scale),
         )  # fmt: skip
         theta = np.zeros((cameras, _SLOTS))
-        for row, values, slot in zip(theta, state.intrinsics, self._slots, strict=True):
-            row[slot] = values
+        for row, values in zip(theta, state.intrinsics, strict=True):
+            row[: len(values)] = values
         self._here: tuple[Float, ...] = (theta, np.array(state.R_rig, order="C"), np.array(state.t_rig, order="C"),
                       np.array(state.R_views, order="C"), np.array(state.t_views, order="C"))  # fmt: skip
         self._there = tuple(np.empty_like(part) for part in self._here)
-        shapes = ((free, free), (free,), (views, 6, 6), (views, 6), (views, free, 6))
+        shapes = ((free, free), (free,), (views, 6, 6), (views, 6), (views, free, 6), (len(bundle.points), 2))
         self._blocks_here = tuple(np.empty(shape) for shape in shapes)
         self._blocks_there = tuple(np.empty(shape) for shape in shapes)
-        self._scaling = (np.zeros(free), np.zeros((views, 6)))
-        work = ((free + 1, free), (views, 6, 6), (views, 6, free + 1), (free,), (views, 6))
-        self._work = tuple(np.empty(shape) for shape in work)
+        tiles = _whole_tiles(free + 1)
+        self._work = (
+            np.zeros(free), np.zeros((views, 6)), np.empty(free), np.empty((views, 6)), np.zeros((tiles, tiles)),
+            np.empty((views, 6, 6)), np.zeros((tiles, 6 * views)),
+        )  # fmt: skip
         self._scratch = (
-            np.empty(kernels.SCRATCH_ROWS * kernels.CHUNK),
-            np.zeros(kernels.MAX_COLUMNS * kernels.STRIDE),
+            np.empty(bundle_kernels.TMP_ROWS * bundle_kernels.CHUNK),
+            np.empty((bundle_kernels.J_ROWS, bundle_kernels.STRIDE)),
         )
         self._shape = state.shape
         self.equations = _equations(self._evaluate(self._here, self._blocks_here), self._blocks_here)
         self._cost_there = np.inf
 
     def _evaluate(self, at: tuple[Float, ...], into: tuple[Float, ...]) -> float:
-        columns, counts, intrinsics, rigs, target, factor = self._map
-        return float(
-            self._kernels.normal_equations_kernel(
-                *self._data, *at, columns, counts, intrinsics, rigs, target, factor, *into, *self._scratch
-            )
-        )
+        return float(self._fill(*self._data, *at, *self._lenses, *self._map, *into, *self._scratch))
 
     def propose(self, mu: float) -> tuple[float, float, float] | None:
         """Solve (A + μD²) δ = −b and evaluate F at the end of δ."""
-        _, _, intrinsics, rigs, target, factor = self._map
-        dz, dv = self._work[3:]
-        longest = self._kernels.damped_step_kernel(*self._blocks_here, mu, *self._scaling, dz, dv, *self._work[:3])
+        promised, longest = self._steps.step_kernel(
+            *self._blocks_here[:5], mu, *self._work, *self._here, *self._there, *self._map
+        )
         if longest == -1.0:
             return None
-        promised = self._kernels.promised_kernel(*self._blocks_here, dz, dv)
-        self._kernels.move_kernel(dz, dv, target, factor, intrinsics, rigs, *self._here, *self._there)
         self._cost_there = self._evaluate(self._there, self._blocks_there)
         return promised, longest, self._cost_there
 
@@ -320,35 +322,46 @@ class CompiledEngine:
 
     def gradient_norm(self) -> float:
         """Return the largest |b_i| / √(A_ii F)."""
-        U, b, V, b_v, _ = self._blocks_here
-        return float(self._kernels.gradient_norm_kernel(U, b, V, b_v, self.equations.cost))
+        return float(self._steps.gradient_norm_kernel(*self._blocks_here[:4], self.equations.cost))
 
     def state(self) -> BundleState:
         """Return the state."""
         theta, R_rig, t_rig, R_views, t_views = self._here
-        intrinsics = [row[slot] for row, slot in zip(theta, self._slots, strict=True)]
+        intrinsics = [row[: 5 + count] for row, count in zip(theta, self._slots, strict=True)]
         return BundleState(intrinsics, R_rig, t_rig, R_views, t_views, self._shape)
 
 
 def _equations(cost: float, blocks: tuple[Float, ...]) -> NormalEquations:
-    U, b, V, b_v, W = blocks
-    return NormalEquations(cost, U, b, V, b_v, W)
+    U, b, V, b_v, W, r = blocks
+    return NormalEquations(cost, U, b, V, b_v, W, r)
 
 
-def _kernel_map(G: Float, slots: list[np.ndarray]) -> tuple[np.ndarray, ...]:
-    """G for the kernels: columns in use and their number, first rows of θ_c and of the rig, target and factor."""
-    cameras = len(slots)
-    count = _SLOTS * cameras + 6 * (cameras - 1)
-    target, factor = np.full(count, -1), np.zeros(count)
-    rows = np.concatenate([_SLOTS * c + slot for c, slot in enumerate(slots)] + [np.arange(_SLOTS * cameras, count)])
+def _whole_tiles(count: int) -> int:
+    """`count` up to a multiple of four, the width of the kernels' tiles."""
+    return (count + 3) // 4 * 4
+
+
+def _kernel_map(G: Float, lens_counts: list[int]) -> tuple[np.ndarray, ...]:
+    """G for the kernels: of each camera the columns of θ_c in use, their number, target and factor; of the rig its
+    first target."""
+    cameras = len(lens_counts)
+    widest = 5 + max(lens_counts)
+    columns, counts = np.zeros((cameras, widest), dtype=np.int64), np.zeros(cameras, dtype=np.int64)
+    target, factor = np.zeros((cameras, widest), dtype=np.int64), np.zeros((cameras, widest))
+    rigs = np.full(cameras, -1)
     at, to = np.nonzero(G)
-    target[rows[at]], factor[rows[at]] = to, G[at, to]
-    columns, counts = np.zeros((cameras, _SLOTS), dtype=np.int64), np.zeros(cameras, dtype=np.int64)
-    for c in range(cameras):
-        used = np.flatnonzero(target[_SLOTS * c : _SLOTS * (c + 1)] >= 0)
-        columns[c, : len(used)], counts[c] = used, len(used)
-    return (columns, counts, _SLOTS * np.arange(cameras + 1), _SLOTS * cameras + 6 * (np.arange(cameras) - 1),
-            target, factor)  # fmt: skip
+    first = 0
+    for c, count in enumerate(lens_counts):
+        own = (at >= first) & (at < first + 5 + count)
+        counts[c] = used = np.count_nonzero(own)
+        columns[c, :used], target[c, :used] = at[own] - first, to[own]
+        factor[c, :used] = G[at[own], to[own]]
+        first += 5 + count
+    for c in range(1, cameras):
+        free = to[at == first + 6 * (c - 1)]
+        if len(free):
+            rigs[c] = free[0]
+    return columns, counts, target, factor, rigs
 
 
 def _diagonals(equations: NormalEquations) -> tuple[Float, Float]:
@@ -362,10 +375,10 @@ def _damped_step(
     """Solve (A + μD²) δ = −b by blocks; None if A is singular to working precision."""
     V = equations.V + mu * D2_views[:, :, None] * np.eye(6)
     U = equations.U + mu * np.diag(D2_shared)
-    damped = NormalEquations(equations.cost, U, equations.b_shared, V, equations.b_views, equations.W)
+    damped = replace(equations, U=U, V=V, schur=None, inverse=None)
     try:
         S, V_inv_Wt = schur_complement(damped)
-        V_inv_b = np.linalg.solve(V, equations.b_views[:, :, None])[:, :, 0]
+        V_inv_b = (damped.V_inverse @ equations.b_views[:, :, None])[:, :, 0]
         rhs = -(equations.b_shared - np.einsum("vfi,vi->f", equations.W, V_inv_b))
         scale = 1 / np.sqrt(np.maximum(np.diag(S), 1e-300))
         dz = scale * np.linalg.solve(S * scale[:, None] * scale, scale * rhs) if len(rhs) else rhs

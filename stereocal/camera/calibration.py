@@ -287,8 +287,8 @@ def _result(
     joint = bundle_covariance(bundle, state, solution.equations)
     std = np.sqrt(np.diag(joint.shared)[: len(names)])
     refuse_degenerate(bundle, state, solution.equations, joint, size[0])
-    d = -residuals(bundle, state)
-    squares = np.sum(d * d, axis=1)
+    d = -solution.equations.residuals
+    squares = d[:, 0] ** 2 + d[:, 1] ** 2
     counts = np.diff(bundle.offsets)
     return CameraCalibration(
         camera=camera,
@@ -296,7 +296,7 @@ def _result(
         tvecs=state.t_views.copy(),
         rms=float(np.sqrt(squares.mean())),
         view_rms=np.sqrt(np.add.reduceat(squares, bundle.offsets[:-1]) / counts),
-        residuals=[d[a:b] for a, b in pairwise(bundle.offsets)],
+        residuals=[d[a:b] for a, b in pairwise(bundle.offsets.tolist())],
         parameter_names=names,
         covariance=joint.shared[: len(names), : len(names)],
         std=std,

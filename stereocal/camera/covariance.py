@@ -88,7 +88,7 @@ def bundle_covariance(bundle: Bundle, state: BundleState, equations: NormalEquat
     count = bundle.view_count
     Y = V_inv_Wt.reshape(6 * count, free)
     cross = -(Y @ (S_inv @ bundle.G.T)).reshape(count, 6, n).transpose(0, 2, 1)
-    views = np.linalg.inv(equations.V) + (Y @ S_inv).reshape(count, 6, free) @ V_inv_Wt.transpose(0, 2, 1)
+    views = equations.V_inverse + (Y @ S_inv).reshape(count, 6, free) @ V_inv_Wt.transpose(0, 2, 1)
 
     turn = left_jacobian_inverse(state.rvecs)
     cross[:, :, :3] = cross[:, :, :3] @ turn.transpose(0, 2, 1)

@@ -76,7 +76,7 @@ def refuse_degenerate(
     DegenerateGeometryError
         Says which views, why, and what to photograph.
     """
-    if np.linalg.matrix_rank(bundle.G[:5]) > 2:
+    if np.count_nonzero(bundle.G[:5].any(axis=0)) > 2:  # unknowns among K: a column of G for each
         _refuse_parallel(bundle, state, equations, joint, width)
     if not np.any(bundle.G[:2]) or joint.degrees_of_freedom <= 0:
         return
@@ -112,7 +112,7 @@ def _refuse_parallel(
     if spread > _CLEARLY_TILTED:
         return
     variance = max(joint.variance, _LEAST_NOISE**2) if np.isfinite(joint.variance) else _LEAST_NOISE**2
-    chi2 = slopes_chi2(n, np.asarray(variance * np.linalg.inv(equations.V)[:, :3, :3]))
+    chi2 = slopes_chi2(n, np.asarray(variance * equations.V_inverse[:, :3, :3]))
     from scipy.special import chdtri
 
     if spread > _PARALLEL and chi2 > chdtri(2 * (count - 1) + bundle.G.shape[1], _SIGNIFICANCE):

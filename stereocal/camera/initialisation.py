@@ -58,7 +58,7 @@ _POLISHED = 3
 
 @dataclass
 class Start:
-    """A start: K and the poses of the views, and the reprojection error of an ideal lens with them."""
+    """A start: K and the poses of the views, and, where starts are to be compared, the error of an ideal lens."""
 
     K: Float
     R: Float
@@ -90,8 +90,7 @@ def homographies_of_views(bundle: Bundle, *, backend: str = "numba") -> Float:
     if backend == "numba":
         from stereocal.camera.homography_kernels import homographies_kernel
 
-        X, y = np.ascontiguousarray(bundle.points.T), np.ascontiguousarray(bundle.measured.T)
-        homographies_kernel(X, y, bundle.offsets, H, bad)
+        homographies_kernel(*bundle.by_axes, bundle.offsets, H, bad)
     else:
         for i in range(count):
             rows = slice(bundle.offsets[i], bundle.offsets[i + 1])
@@ -108,7 +107,7 @@ def homographies_of_views(bundle: Bundle, *, backend: str = "numba") -> Float:
 
 
 def start_from(K: Float, H: Float, bundle: Bundle) -> Start:
-    """Return the start with a given K: poses from the homographies, and their error (infinite behind the camera)."""
+    """Return the start with a given K and poses from the homographies, and its error (infinite behind the camera)."""
     R, t = poses_of_homographies(K, H)
     block = np.repeat(np.arange(len(H)), np.diff(bundle.offsets))
     P = np.matmul(K, np.concatenate([R[:, :, :2], t[:, :, None]], axis=2))[block]
@@ -120,9 +119,7 @@ def start_from(K: Float, H: Float, bundle: Bundle) -> Start:
     return Start(K, R, t, float(np.sqrt(np.vdot(d, d) / len(d))))
 
 
-def closed_form_starts(
-    H: Float, bundle: Bundle, image_size: tuple[int, int], aspect_ratio: float | None
-) -> Iterator[Start]:
+def closed_form_starts(H: Float, image_size: tuple[int, int], aspect_ratio: float | None) -> Iterator[Start]:
     """Yield the starts that Zhang's closed forms give, where they have a plausible answer."""
     width, height = image_size
     for options in ({"skew": False}, {"principal_point": np.array([(width - 1) / 2, (height - 1) / 2])}):
@@ -133,9 +130,9 @@ def closed_form_starts(
         if plausible(K[0, 0], K[1, 1], K[0, 2], K[1, 2], image_size):
             if aspect_ratio is not None:
                 K[0, 0] = aspect_ratio * K[1, 1]
-            start = start_from(K, H, bundle)
-            if np.isfinite(start.error):
-                yield start
+            R, t = poses_of_homographies(K, H)
+            if t[:, 2].min() > 0:  # whether every corner is in front of the camera, the solver sees at its start
+                yield Start(K, R, t, np.nan)
 
 
 def focal_search(H: Float, bundle: Bundle, image_size: tuple[int, int], aspect_ratio: float | None) -> list[Start]:
@@ -294,7 +291,7 @@ def _starting_states(
             yield from_smaller
             if lens.name == "tilted":
                 yield start_without_prism(bundle, lens, from_smaller, held, aspect_ratio, _TRIAL_STEPS)
-    for start in closed_form_starts(H, bundle, image_size, aspect_ratio):
+    for start in closed_form_starts(H, image_size, aspect_ratio):
         yield begin(start)
         if lens.name == "tilted":
             return  # its steps are not compiled: three starts are enough

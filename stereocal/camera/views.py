@@ -68,12 +68,16 @@ def _alike(
     object_points: ArrayLike | Sequence[ArrayLike], views: list[ArrayLike]
 ) -> tuple[list[Float], list[Float]] | None:
     """The usual case at once: one board, and corners of equal shape in every view; None if it is not that."""
-    if not isinstance(object_points, np.ndarray) or object_points.ndim != 2 or object_points.shape[1:] != (3,):
+    one = object_points
+    if isinstance(one, list) and len(one) == len(views) and all(board is one[0] for board in one):
+        one = one[0]
+    if not isinstance(one, np.ndarray) or one.ndim != 2 or one.shape[1:] != (3,) or not views:
         return None
-    if not views or any(not isinstance(y, np.ndarray) or y.shape != views[0].shape for y in views):  # type: ignore[union-attr]
+    board = np.ascontiguousarray(one, dtype=np.float64)
+    try:
+        stacked = np.array(views, dtype=np.float64)
+    except (TypeError, ValueError):  # of several lengths, or missed: view by view, then
         return None
-    board = np.ascontiguousarray(object_points, dtype=np.float64)
-    stacked = np.array(views, dtype=np.float64)
     if stacked.size != 2 * len(views) * len(board) or stacked.shape[-1] != 2 or len(board) < MIN_POINTS:
         return None
     if not (np.isfinite(stacked).all() and np.isfinite(board).all()):

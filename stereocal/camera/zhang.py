@@ -42,6 +42,10 @@ from stereocal.base.errors import DegenerateGeometryError, InputError
 # Second smallest singular value of V (rows and columns balanced) below which it counts as zero.
 _RANK = 1e-9
 
+# Rows and columns of B's six entries, and how often each stands in hᵢᵀ B hⱼ (half, for what is said twice below).
+_FIRST, _SECOND = np.array([0, 0, 1, 2, 2, 2]), np.array([0, 1, 1, 0, 1, 2])
+_OFF_DIAGONAL = np.array([0.5, 1, 0.5, 1, 1, 0.5])
+
 _ADVICE = "photograph the board tilted by 30 to 45 degrees, to a different side each time"
 
 
@@ -159,17 +163,17 @@ def poses_of_homographies(K: Float, H: Float) -> tuple[Float, Float]:
     The rotation nearest to two unit vectors p, q that should be at a right angle turns both by the same amount: p + q
     and p − q are at a right angle already, and r1, r2 = (â ± b̂)/√2 of these two directions.
     """
-    M = np.linalg.inv(K) @ H
-    p, q = M[:, :, 0], M[:, :, 1]
-    p_length, q_length = np.sqrt(np.sum(p * p, axis=1)), np.sqrt(np.sum(q * q, axis=1))
-    sign = np.where(M[:, 2, 2] < 0, -1.0, 1.0)
-    p, q = p * (sign / p_length)[:, None], q * (sign / q_length)[:, None]
-    a, b = p + q, p - q
-    a = a / np.sqrt(2 * np.sum(a * a, axis=1))[:, None]
-    b = b / np.sqrt(2 * np.sum(b * b, axis=1))[:, None]
-    r1, r2 = a + b, a - b
-    R = np.stack([r1, r2, np.cross(r1, r2)], axis=2)
-    return R, M[:, :, 2] * (2 * sign / (p_length + q_length))[:, None]
+    M = (np.linalg.inv(K) @ H).transpose(2, 1, 0)  # [column, row, view]
+    lengths = np.sqrt(np.einsum("crv,crv->cv", M[:2], M[:2]))
+    sign = np.where(M[2, 2] < 0, -1.0, 1.0)
+    p, q = M[:2] * (sign / lengths)[:, None]
+    ab = np.array([p + q, p - q])
+    a, b = ab / np.sqrt(2 * np.einsum("crv,crv->cv", ab, ab))[:, None]
+    R = np.empty((len(H), 3, 3))
+    R[:, :, 0], R[:, :, 1] = r1, r2 = (a + b).T, (a - b).T
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        R[:, i, 2] = r1[:, j] * r2[:, k] - r1[:, k] * r2[:, j]
+    return R, np.ascontiguousarray((M[2] * (2 * sign / (lengths[0] + lengths[1]))).T)
 
 
 def _stack(homographies: Sequence[ArrayLike] | ArrayLike) -> Float:
@@ -177,31 +181,28 @@ def _stack(homographies: Sequence[ArrayLike] | ArrayLike) -> Float:
     if H.ndim == 2:
         H = H[None]
     H = as_array(H, (None, 3, 3), "homographies")
-    return H / np.linalg.norm(H, axis=(1, 2), keepdims=True)
+    return H / np.sqrt(np.einsum("vij,vij->v", H, H))[:, None, None]
 
 
 def _image_normalization(H: Float, centre: Float | None) -> Float:
     """A similarity of the image that brings the boards' origins to order one; to the principal point, if known."""
-    with np.errstate(all="ignore"):
-        origins = H[:, :2, 2] / H[:, 2, 2:]
-    origins = origins[np.all(np.isfinite(origins), axis=1)]
-    middle = centre if centre is not None else (origins.mean(axis=0) if len(origins) else np.zeros(2))
+    seen = H[H[:, 2, 2] != 0]
+    count = max(len(seen), 1)
+    x, y = seen[:, :2, 2].T / seen[:, 2, 2]
+    middle = centre if centre is not None else (x.sum() / count, y.sum() / count)
     # the size of the image is not known: the origins' distance from (0, 0) tells its order of magnitude
-    scale = float(np.hypot(*origins.T).mean()) if len(origins) else 1.0
-    scale = scale if scale > 0 else 1.0
+    scale = float(np.sqrt(x * x + y * y).sum()) / count or 1.0
     return np.array([[1 / scale, 0, -middle[0] / scale], [0, 1 / scale, -middle[1] / scale], [0, 0, 1.0]])
 
 
 def _conic_rows(H: Float) -> Float:
     """The two rows of each view, v12 and v11 − v22: (2V, 6)."""
-    first, second = np.array([0, 0, 1, 2, 2, 2]), np.array([0, 1, 1, 0, 1, 2])
-    on_diagonal = np.where(first == second, 0.5, 1.0)
     p, q = H[:, :, 0], H[:, :, 1]
-    v12 = (p[:, first] * q[:, second] + p[:, second] * q[:, first]) * on_diagonal
-    difference = (p[:, first] * p[:, second] - q[:, first] * q[:, second]) * (2 * on_diagonal)
     # Each view counts the same, whatever the distance of its board.
-    scale = 1 / np.maximum(np.sum(p * p + q * q, axis=1), 1e-300)[:, None]
-    return np.concatenate([v12 * scale, difference * scale])
+    scale = 1 / np.maximum(np.einsum("vi,vi->v", p, p) + np.einsum("vi,vi->v", q, q), 1e-300)[:, None]
+    p_i, q_i = (p * scale)[:, _FIRST], (q * scale)[:, _FIRST]
+    p_j, q_j = p[:, _SECOND], q[:, _SECOND]
+    return np.concatenate([(p_i * q_j + p_j * q_i) * _OFF_DIAGONAL, (p_i * p_j - q_i * q_j) * (2 * _OFF_DIAGONAL)])
 
 
 def _smallest_conic(H: Float, *, skew: bool, centred: bool) -> Float:
@@ -210,7 +211,7 @@ def _smallest_conic(H: Float, *, skew: bool, centred: bool) -> Float:
     V = _conic_rows(H)[:, columns]
     if len(V) < len(columns):  # two views and five unknowns: a row of zeros brings the null vector into the thin factor
         V = np.vstack([V, np.zeros((len(columns) - len(V), len(columns)))])
-    norms = np.linalg.norm(V, axis=0)
+    norms = np.sqrt(np.einsum("ij,ij->j", V, V))
     balance = np.where(norms > 1e-300, norms, 1.0)
     singular_values, Vt = np.linalg.svd(V / balance, full_matrices=False)[1:]
     unknowns = len(columns)
@@ -236,7 +237,9 @@ def _camera_of_conic(b: Float, N: Float) -> Float:
             "no camera fits the homographies (Zhang's B is not positive definite): the tilts are too small for the "
             f"noise, or the lens distortion is strong; {_ADVICE}"
         ) from error
-    K = np.linalg.inv(N) @ (K / K[2, 2])
+    K = K / K[2, 2]
+    K[:2, 2] -= N[:2, 2]
+    K[:2] /= N[0, 0]  # N⁻¹ K, which leaves the last row as it is
     K[1, 0] = K[2, 0] = K[2, 1] = 0.0
     if abs(K[0, 1]) < 1e-12 * K[0, 0]:
         K[0, 1] = 0.0

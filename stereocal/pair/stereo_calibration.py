@@ -18,17 +18,17 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import block_diag
 
 from stereocal.base.checks import Float, as_image_size, require_choice, require_positive
 from stereocal.base.errors import DegenerateGeometryError, InputError
-from stereocal.base.rotations import rotation_matrix, rotation_vector
+from stereocal.base.rotations import rotation_matrices, rotation_vector
 from stereocal.camera.board_shape import BoardShape, board_line
 from stereocal.camera.board_shape_fit import board_shape_of, fit_shape
-from stereocal.camera.bundle import Bundle, BundleState, residuals
+from stereocal.camera.bundle import Bundle, BundleState
 from stereocal.camera.bundle_problem import camera_of, intrinsics_of, make_bundle, whitening_of
 from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
 from stereocal.camera.calibration import CameraCalibration, calibrate_camera
@@ -42,6 +42,7 @@ from stereocal.camera.views import as_views
 from stereocal.pair.rig import StereoRig
 
 _SIDES = ("left", "right")
+_CANDIDATES = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,7 +234,7 @@ def calibrate_stereo(
             rvecs, tvecs = estimate_poses(X, y, camera)
         cameras.append(camera)
         alone.append(calibration)
-        poses.append({i: (rotation_matrix(r), t) for i, r, t in zip(seen, rvecs, tvecs, strict=True)})
+        poses.append(_Poses(np.array(seen), rotation_matrices(rvecs), tvecs))
 
     R, T = _median_rig(poses[0], poses[1])
     models = [distortion_model(camera.model) for camera in cameras]
@@ -242,14 +243,15 @@ def calibrate_stereo(
         for m, s in zip(models, _SIDES, strict=True)
     ]
     parts = [free_columns(intrinsic_names(m), h, aspect_ratio) for m, h in zip(models, held, strict=True)]
-    bundle = make_bundle(models, objects, images, np.asarray(block_diag(*parts, np.eye(6))))
+    bundle = make_bundle(models, objects, images, _block_diagonal([*parts, np.eye(6)]))
     bundle.whitening = whitening_of(covariances, images)
     bundle.loss, bundle.loss_scale = loss, loss_scale
     R_views, t_views = _left_poses(poses[0], poses[1], R, T, len(images[0]))
     state = BundleState(
         [intrinsics_of(c) for c in cameras], np.stack([np.eye(3), R]), np.stack([np.zeros(3), T]), R_views, t_views
     )
-    solution = solve_bundle(bundle, state, max_iterations=max_iterations, backend=backend)
+    # the start is an optimum already, of each camera by itself: steps need hardly any damping
+    solution = solve_bundle(bundle, state, max_iterations=max_iterations, initial_damping=1e-6, backend=backend)
     bundle, solution, kind, held_out = fit_shape(bundle, solution, board_warp, max_iterations=max_iterations)
     return _result(bundle, solution, cameras, alone, kind, held_out)
 
@@ -286,31 +288,52 @@ def _fix_of_side(fix: str | Collection[str], side: int) -> list[str]:
     return [e.removeprefix(_SIDES[side] + ".") for e in entries if "." not in e or e.startswith(_SIDES[side] + ".")]
 
 
-def _median_rig(left: dict[int, tuple[Float, Float]], right: dict[int, tuple[Float, Float]]) -> tuple[Float, Float]:
-    """The pair's R = R_R R_Lᵀ, T = t_R − R t_L that is nearest to all others (medoid): a turned pair has no say."""
-    common = sorted(set(left) & set(right))
-    Rs = np.stack([right[i][0] @ left[i][0].T for i in common])
-    Ts = np.stack([right[i][1] - R @ left[i][1] for i, R in zip(common, Rs, strict=True)])
-    scale = np.median([np.linalg.norm(left[i][1]) for i in common])
-    turn = np.linalg.norm((Rs[:, None] - Rs[None]).reshape(len(common), len(common), 9), axis=2)
-    shift = np.linalg.norm(Ts[:, None] - Ts[None], axis=2) / scale
-    best = int(np.argmin(np.median(turn + shift, axis=1)))
-    near = (turn + shift)[best] <= 2 * np.median((turn + shift)[best]) + 1e-12
+@dataclass(frozen=True)
+class _Poses:
+    """One camera's views: their numbers (n,), and the poses of the board in them, R (n, 3, 3) and t (n, 3)."""
+
+    views: np.ndarray
+    R: Float
+    t: Float
+
+
+def _median_rig(left: _Poses, right: _Poses) -> tuple[Float, Float]:
+    """The pair's R = R_R R_Lᵀ, T = t_R − R t_L that is nearest to all others (medoid): a turned pair has no say.
+
+    Of many pairs, 64 spread over the recording are candidates: the time stays linear in the number of pairs.
+    """
+    _, i, j = np.intersect1d(left.views, right.views, assume_unique=True, return_indices=True)
+    Rs = right.R[j] @ left.R[i].transpose(0, 2, 1)
+    Ts = right.t[j] - np.einsum("nij,nj->ni", Rs, left.t[i])
+    scale = np.median(np.sqrt(np.einsum("ni,ni->n", left.t[i], left.t[i])))
+    few = slice(None, None, -(-len(i) // _CANDIDATES))
+    turns = Rs.reshape(-1, 9)
+    # ‖A − B‖² of two rotations is 6 − 2 A·B
+    turn = np.sqrt(np.maximum(6 - 2 * turns[few] @ turns.T, 0))
+    shift = np.linalg.norm(Ts[few, None] - Ts[None], axis=2) / scale
+    distance = turn + shift
+    distance = distance[np.argmin(np.median(distance, axis=1))]
+    near = distance <= 2 * np.median(distance) + 1e-6
     U, _, Vt = np.linalg.svd(Rs[near].mean(axis=0))
     return U @ Vt, np.median(Ts[near], axis=0)
 
 
-def _left_poses(
-    left: dict[int, tuple[Float, Float]], right: dict[int, tuple[Float, Float]], R: Float, T: Float, count: int
-) -> tuple[Float, Float]:
+def _left_poses(left: _Poses, right: _Poses, R: Float, T: Float, count: int) -> tuple[Float, Float]:
     """Poses in the left camera's frame; of views that only the right one saw, by R and T."""
     R_views, t_views = np.empty((count, 3, 3)), np.empty((count, 3))
-    for i in range(count):
-        if i in left:
-            R_views[i], t_views[i] = left[i]
-        else:
-            R_views[i], t_views[i] = R.T @ right[i][0], R.T @ (right[i][1] - T)
+    R_views[right.views], t_views[right.views] = R.T @ right.R, (right.t - T) @ R
+    R_views[left.views], t_views[left.views] = left.R, left.t
     return R_views, t_views
+
+
+def _block_diagonal(parts: list[Float]) -> Float:
+    """One matrix with the parts along its diagonal."""
+    G = np.zeros((sum(len(part) for part in parts), sum(part.shape[1] for part in parts)))
+    row = column = 0
+    for part in parts:
+        G[row : row + len(part), column : column + part.shape[1]] = part
+        row, column = row + len(part), column + part.shape[1]
+    return G
 
 
 def _result(
@@ -326,19 +349,18 @@ def _result(
     direction = rig.T / rig.baseline if rig.baseline > 0 else np.zeros(3)
     of_T = joint.shared[bundle.rig_slices[1], bundle.rig_slices[1]][3:, 3:]
 
-    d = -residuals(bundle, state)
-    squares = np.sum(d * d, axis=1)
-    views = len(state.R_views)
+    d = -solution.equations.residuals
+    squares = d[:, 0] ** 2 + d[:, 1] ** 2
+    views, offsets = len(state.R_views), bundle.offsets
+    block_sums, block_counts = np.add.reduceat(squares, offsets[:-1]), np.diff(offsets)
     per_side: tuple[list[Float], list[Float]] = ([np.zeros((0, 2))] * views, [np.zeros((0, 2))] * views)
+    camera_of_block, view_of_block = bundle.camera_of_block, bundle.view_of_block
+    rows = pairwise(offsets.tolist())
+    for camera, view, (a, b) in zip(camera_of_block.tolist(), view_of_block.tolist(), rows, strict=True):
+        per_side[camera][view] = d[a:b]
     view_rms = np.full((views, 2), np.nan)
-    sums = np.zeros(2)
-    counts = np.zeros(2)
-    for block, (camera, view) in enumerate(zip(bundle.camera_of_block, bundle.view_of_block, strict=True)):
-        part = slice(bundle.offsets[block], bundle.offsets[block + 1])
-        per_side[camera][view] = d[part]
-        view_rms[view, camera] = np.sqrt(squares[part].mean())
-        sums[camera] += squares[part].sum()
-        counts[camera] += len(squares[part])
+    view_rms[view_of_block, camera_of_block] = np.sqrt(block_sums / block_counts)
+    sums, counts = np.bincount(camera_of_block, block_sums), np.bincount(camera_of_block, block_counts)
     return StereoCalibration(
         rig=rig,
         rms=float(np.sqrt(squares.mean())),
