@@ -28,6 +28,7 @@ Sources: R. Keys, *Cubic convolution interpolation for digital image processing*
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -154,13 +155,14 @@ def _run_kernel(interpolation: str, samples: Image, mx: Image, my: Image, border
 
 def _border_samples(border_value: float | ArrayLike, samples: Image) -> Image:
     """Return the border's value for each channel, float32 (float64 for such images)."""
-    value = np.ravel(np.asarray(border_value, dtype=np.float64))
-    if value.size not in (1, samples.shape[2]) or not np.all(np.isfinite(value)):
-        raise InputError(f"border_value must be 1 or {samples.shape[2]} finite numbers, not {border_value!r}")
-    if samples.dtype.kind == "u" and (np.any(value < 0) or np.any(value > np.iinfo(samples.dtype).max)):
+    values = np.ravel(np.asarray(border_value, dtype=np.float64)).tolist()
+    channels = samples.shape[2]
+    if len(values) not in (1, channels) or not all(map(isfinite, values)):
+        raise InputError(f"border_value must be 1 or {channels} finite numbers, not {border_value!r}")
+    if samples.dtype.kind == "u" and not 0 <= min(values) <= max(values) <= np.iinfo(samples.dtype).max:
         raise InputError(f"border_value must fit the image's dtype, {samples.dtype}, but is {border_value!r}")
     kind = np.float64 if samples.dtype == np.float64 else np.float32
-    return np.broadcast_to(value, samples.shape[2]).astype(kind)
+    return np.array(values * channels if len(values) == 1 else values, kind)
 
 
 def _sample(samples: Image, x: Image, y: Image, border: Image) -> Image:
