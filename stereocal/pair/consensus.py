@@ -53,6 +53,8 @@ from stereocal.pair.two_view_refinement import Refined, refine_model, signed_dis
 
 # The least number of stacks, and steps of a local optimisation.
 _LEAST_STACKS, _POLISH_ROUNDS = 8, 5
+# Samples of good matches among whose solutions another one is looked for, and by how much its entries differ.
+_RETRIES, _APART = 8, 0.1
 # What the mixture is told of the width over which wrong matches lie.
 _NARROWER = 8.0
 Mask = NDArray[np.bool_]
@@ -242,8 +244,48 @@ def find_consensus(
         )
     answer = None
     if options.refines:
+        starts += _other_solutions(points, problem, options, best[2], random, extent)
         answer = mean_of_modes(starts, points, extent, problem.model, problem.behind, backend=options.backend)
     return Consensus(best[1], best[2], answer, done)
+
+
+def _other_solutions(
+    points: Float,
+    problem: MinimalProblem,
+    options: TwoViewOptions,
+    inliers: Mask,
+    random: np.random.Generator,
+    extent: float,
+) -> list[Refined]:
+    """Another solution of good samples that explains the matches nearly as well: matches of a plane have two."""
+    good = np.flatnonzero(inliers)
+    if len(good) < problem.sample_size:
+        return []
+    samples = draw_samples(random, _RETRIES, problem.sample_size, len(good), backend=options.backend)
+    cores = problem.solve(good[samples])
+    if len(cores) == 0:
+        return []
+    cap = max(options.reach, 1e-9) ** 2 if options.score == "msac" else np.inf
+    values = np.minimum(sampson_of_models(cores @ problem.to_pixels, points[:, good]), cap).sum(axis=1)
+    first = cores[np.argmin(values)]
+    apart = np.minimum(np.abs(cores - first).max(axis=1), np.abs(cores + first).max(axis=1)) > _APART
+    other = np.flatnonzero(apart & (values <= 2 * values.min() + 1e-9 * cap * len(good)))
+    if len(other) == 0:
+        return []
+    start = problem.model(cores[other[np.argmin(values[other])]].reshape(3, 3))
+    weights = inliers.astype(np.float64) if extent > 0 else None
+    return [
+        refine_model(
+            start,
+            points,
+            weights,
+            extent=extent,
+            rounds=_POLISH_ROUNDS,
+            exact=False,
+            covariance=False,
+            backend=options.backend,
+        )
+    ]
 
 
 def _reach(value: float, freedom: int, options: TwoViewOptions) -> float:

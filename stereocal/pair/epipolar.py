@@ -259,8 +259,10 @@ def correct_matches(left_points: ArrayLike, right_points: ArrayLike, F: ArrayLik
     for _ in range(_LINDSTROM_ROUNDS):
         a = np.einsum("ni,ij,nj->n", n, corner, n_left)
         b = 0.5 * (np.sum(n * n0, axis=1) + np.sum(n_left * n0_left, axis=1))
-        root = np.sqrt(np.maximum(b * b - a * c, 0.0))
-        step = np.divide(c, b + root, out=np.zeros_like(c), where=b + root > 0)[:, None]
-        move_left, move_right = step * n_left, step * n
+        below = b + np.sqrt(np.maximum(b * b - a * c, 0.0))
+        # where no near pair satisfies F to second order (matches that are grossly wrong) the last estimate stays
+        found = (below > 0)[:, None]
+        step = np.divide(c, below, out=np.zeros_like(c), where=below > 0)[:, None]
+        move_left, move_right = np.where(found, step * n_left, move_left), np.where(found, step * n, move_right)
         _, n, n_left = _constraint(left - move_left, right - move_right, matrix)
     return left - move_left, right - move_right

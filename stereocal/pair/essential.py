@@ -233,7 +233,7 @@ def _fit(
     R, t, _ = recover_pose(E, left[inliers], right[inliers], K, K_other)
     E = cross_matrix(t) @ R
     distances = sampson_distance(left[inliers], right[inliers], inverse_other.T @ E @ inverse)
-    refuse_turn(rays[inliers], other[inliers], distances, K)
+    refuse_turn(rays[inliers], other[inliers], distances, K, outliers=int((~inliers).sum()))
     covariance = np.full((5, 5), np.nan)
     if answer is not None:
         covariance = _covariance(answer, motion_model(R, t, inverse_other, inverse), points, options.backend)

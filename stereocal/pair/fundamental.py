@@ -195,7 +195,7 @@ def _fit(left_points: ArrayLike, right_points: ArrayLike, options: TwoViewOption
         F, inliers = answer.model.F, answer.weights > 0.5
         covariance = _covariance(answer, points, options.backend)
     if options.method != "8point":
-        refuse_homography(left[inliers], right[inliers], F)
+        refuse_homography(left[inliers], right[inliers], F, outliers=int((~inliers).sum()))
     rms = float(np.sqrt(np.mean(sampson_distance(left[inliers], right[inliers], F))))
     return FundamentalFit(_unit_corner(F), inliers, rms, covariance, iterations)
 

@@ -16,17 +16,23 @@ Sources: R. Hartley, A. Zisserman, *Multiple View Geometry* (2004), section 11.9
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
+from numpy.typing import NDArray
 
 from stereocal.base.checks import Float
-from stereocal.base.errors import DegenerateGeometryError
+from stereocal.base.errors import DegenerateGeometryError, InputError
 from stereocal.base.homogeneous import from_homogeneous, to_homogeneous
 from stereocal.pair.epipolar import sampson_distance
 
+Mask = NDArray[np.bool_]
 # A homography, or a rotation, that explains the matches this nearly as well as F does leaves F to chance.
 _HOMOGRAPHY_FACTOR = _TURN_FACTOR = 3.0
-# The linear solution for H is at most this much worse than the best one, but for a broad margin.
-_FAR_OFF = 5.0
+# Rounds of fitting the simpler model to the matches that are near it.
+_TRIMS = 4
+# The two unknowns that it leaves open take in two wrong matches for nothing, and chance up to this share of the others.
+_TAKEN_IN, _BY_CHANCE = 2, 0.2
 # Below this, in pixels or radians, errors are those of arithmetic.
 _EXACT_PIXELS, _EXACT_RADIANS = 1e-6, 1e-9
 
@@ -49,8 +55,16 @@ def require_distinct(left: Float, right: Float, minimum: int, what: str) -> None
         )
 
 
-def refuse_homography(left: Float, right: Float, F: Float) -> None:
+def refuse_homography(left: Float, right: Float, F: Float, *, outliers: int = 0) -> None:
     """Refuse matches that a homography explains as well as F does.
+
+    Parameters
+    ----------
+    left, right : ndarray of shape (N, 2)
+        Matching pixels that F explains.
+    F : ndarray of shape (3, 3)
+    outliers : int
+        How many others were left out; a few like them may be among these.
 
     Raises
     ------
@@ -59,28 +73,28 @@ def refuse_homography(left: Float, right: Float, F: Float) -> None:
     """
     from stereocal.camera.homography import fit_homography
 
-    by_F = float(np.sqrt(np.mean(sampson_distance(left, right, F))))
+    def distances(kept: Mask, refine: bool = False) -> Float:
+        H = np.asarray(fit_homography(left[kept], right[kept], refine=refine))
+        return np.asarray(np.linalg.norm(from_homogeneous(to_homogeneous(left) @ H.T) - right, axis=1))
+
+    by_F = float(np.sqrt(np.mean(sampson_distance(left, right, F)))) if len(left) else 0.0
     limit = _HOMOGRAPHY_FACTOR * by_F + _EXACT_PIXELS
-    for refine in (False, True):  # where the linear solution is far off, the best one is not near either
-        try:
-            H = fit_homography(left, right, refine=refine)
-        except DegenerateGeometryError as error:
-            raise DegenerateGeometryError(
-                "the points of a picture lie on one line; F needs points all over it"
-            ) from error
-        moved = from_homogeneous(to_homogeneous(left) @ np.asarray(H).T)
-        by_plane = float(np.sqrt(np.mean(np.sum((moved - right) ** 2, axis=1))))
-        if by_plane > _FAR_OFF * limit:
-            return
-    if by_plane <= limit:
+    try:
+        kept = _most_explained(distances, len(left), limit, outliers)
+        by_plane = distances(kept, True)
+    except (DegenerateGeometryError, InputError) as error:
         raise DegenerateGeometryError(
-            f"a homography explains the matches as well as F does ({by_plane:.2g} px against {by_F:.2g} px): the scene "
-            "is planar, or the camera only turned (pure rotation), and F is not determined; add points at other "
-            "depths, or use fit_essential with method='5point', which a plane is enough for"
+            "the matches that agree lie on one line of a picture, or are too few; F needs points all over it"
+        ) from error
+    if _is_explained(by_plane, kept, limit, outliers):
+        raise DegenerateGeometryError(
+            f"a homography explains the matches as well as F does ({_rms(by_plane[kept]):.2g} px against {by_F:.2g} "
+            "px): the scene is planar, or the camera only turned (pure rotation), and F is not determined; add points "
+            "at other depths, or use fit_essential with method='5point' (or 'ransac'), which a plane is enough for"
         )
 
 
-def refuse_turn(rays: Float, other: Float, squared_distances: Float, K: Float) -> None:
+def refuse_turn(rays: Float, other: Float, squared_distances: Float, K: Float, *, outliers: int = 0) -> None:
     """Refuse matches that a rotation alone explains as well as E does.
 
     Parameters
@@ -91,6 +105,8 @@ def refuse_turn(rays: Float, other: Float, squared_distances: Float, K: Float) -
         Of the matches from E, pixels².
     K : ndarray of shape (3, 3)
         Of the left camera, which turns angles into pixels.
+    outliers : int
+        How many others were left out; a few like them may be among these.
 
     Raises
     ------
@@ -99,13 +115,39 @@ def refuse_turn(rays: Float, other: Float, squared_distances: Float, K: Float) -
     """
     a = rays / np.linalg.norm(rays, axis=1, keepdims=True)
     b = other / np.linalg.norm(other, axis=1, keepdims=True)
-    U, _, Vt = np.linalg.svd(b.T @ a)
-    R = U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
-    angles = np.linalg.norm(np.cross(a @ R.T, b), axis=1)
-    by_turn = float(np.sqrt(np.mean(angles**2)) * np.sqrt(K[0, 0] * K[1, 1]))
-    by_E = float(np.sqrt(np.mean(squared_distances)))
-    if by_turn <= _TURN_FACTOR * by_E + _EXACT_RADIANS * np.sqrt(K[0, 0] * K[1, 1]):
+    focal = float(np.sqrt(K[0, 0] * K[1, 1]))
+
+    def distances(kept: Mask) -> Float:
+        U, _, Vt = np.linalg.svd(b[kept].T @ a[kept])
+        R = U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
+        return np.asarray(focal * np.linalg.norm(a @ R.T - b, axis=1))
+
+    by_E = float(np.sqrt(np.mean(squared_distances))) if len(a) else 0.0
+    limit = _TURN_FACTOR * by_E + _EXACT_RADIANS * focal
+    kept = _most_explained(distances, len(a), limit, outliers)
+    by_turn = distances(kept)
+    if _is_explained(by_turn, kept, limit, outliers):
         raise DegenerateGeometryError(
-            f"a rotation explains the matches as well as E does ({by_turn:.2g} px against {by_E:.2g} px): the camera "
-            "only turned (pure rotation), or all points are too far for this baseline; t is not determined"
+            f"a rotation explains the matches as well as E does ({_rms(by_turn[kept]):.2g} px against {by_E:.2g} px): "
+            "the camera only turned (pure rotation), or all points are too far for this baseline; t is not determined"
         )
+
+
+def _most_explained(distances: Callable[[Mask], Float], count: int, limit: float, outliers: int) -> Mask:
+    """All matches; or, among outliers, those near the simpler model that most of them suggest."""
+    kept = np.ones(count, dtype=bool)
+    for _ in range(_TRIMS if outliers else 0):
+        off = distances(kept)
+        kept = off <= max(2.5 * 1.4826 * float(np.median(off)), 2 * limit)
+    return kept
+
+
+def _is_explained(off: Float, kept: Mask, limit: float, outliers: int) -> bool:
+    """Whether the simpler model does as well for all matches, or all but the few that are there for nothing."""
+    if not outliers:
+        return _rms(off) <= limit
+    return bool(np.median(off) <= 2 * limit and (off > 2 * limit).sum() <= _TAKEN_IN + _BY_CHANCE * outliers)
+
+
+def _rms(off: Float) -> float:
+    return float(np.sqrt(np.mean(off**2)))

@@ -10,8 +10,10 @@ that part is (Laplace)
 so that a broad maximum counts for more than a sharp one of the same height. The answer with the least expected squared
 error is the mean, Σ p_m F_m, taken over the matrices in normalised coordinates with ‖F‖ = 1 and the signs alike, and
 brought back to the family. Where one mode holds everything it is that mode; where two are as good, the mean errs less
-than either choice. Over 300 random scenes with 40 % outliers it lowers the 95th percentile of the pose error by 5 to 10
-per cent against the highest maximum. The spread of the modes is part of the covariance,
+than either choice. (Where they are so far apart that the mean explains the matches worse than one of them, F is all but
+undetermined, and the best mode is returned with their spread.) Over 300 random scenes with 40 % outliers it lowers the
+95th percentile of the pose error by 5 to 10 per cent against the highest maximum. The spread of the modes is part of
+the covariance,
 
     C = C(mean) + Σ p_m δ_m δ_mᵀ,      δ_m the step from the mean to mode m.
 
@@ -33,10 +35,14 @@ from stereocal.base.checks import Float
 from stereocal.pair.two_view_models import TwoViewModel
 from stereocal.pair.two_view_refinement import Refined, refine_model
 
-# Starts followed to the end; how far below the best one a start may be; when two have the same good matches.
-_FOLLOWED, _FAR_BELOW, _ALIKE = 4, 12.0, 0.3
+# Starts followed to the end; how far below the best one a start may be.
+_FOLLOWED, _FAR_BELOW = 4, 12.0
+# Two models are alike if no match's weight, and no entry of the normalised matrices, differs by more.
+_ALIKE, _NEAR = 0.3, 0.1
 # Modes this far below the best one, in log-probability, do not count.
 _NEGLIGIBLE = 7.0
+# A mean that has fewer good matches than this share of the best mode's lies between modes that are far apart.
+_KEEPS = 0.9
 # What a match behind a camera costs, in log-probability: about as much as one that is bad.
 _BEHIND = 5.0
 _ROUNDS, _SETTLED, _LAST_ROUNDS, _EXACT = 40, 1e-4, 6, 1e-9
@@ -97,7 +103,7 @@ def mean_of_modes(
             covariance=False,
             backend=backend,
         )
-        if all(np.abs(found.weights - mode.weights).max() > _ALIKE for mode in modes) or extent <= 0:
+        if not any(_alike(found, mode) for mode in modes):
             modes.append(
                 refine_model(
                     found.model,
@@ -116,21 +122,29 @@ def mean_of_modes(
     if len(kept) < 2:
         return Answer(best.model, best.weights, best.cost, np.zeros((9, 9)))
     share = np.exp(np.array([merits[k] for k in order[: len(kept)]]) - merits[order[0]])
-    return _mean(kept, share / share.sum(), points, extent, rebuild, backend)
+    mean = _mean(kept, share / share.sum(), points, extent, rebuild, backend)
+    if mean.weights.sum() < _KEEPS * best.weights.sum():
+        return Answer(best.model, best.weights, best.cost, mean.spread)
+    return mean
 
 
 def _worth_following(starts: list[Refined], behind: Callable[[TwoViewModel, Float], int]) -> list[Refined]:
-    """The likeliest starts, one of those that agree which matches are good."""
-    starts = sorted(starts, key=_log_likelihood, reverse=True)[: 2 * _FOLLOWED]
-    merits = np.array([_log_likelihood(start) - _BEHIND * behind(start.model, start.weights) for start in starts])
+    """The likeliest starts, one of those that are alike."""
     chosen: list[Refined] = []
-    for k in np.argsort(-merits, kind="stable"):
-        if len(chosen) == _FOLLOWED or merits[k] < merits.max() - _FAR_BELOW:
-            break
-        start = starts[k]
-        if all(np.abs(start.weights - other.weights).max() > _ALIKE for other in chosen):
+    for start in sorted(starts, key=_log_likelihood, reverse=True):
+        if len(chosen) < 2 * _FOLLOWED and not any(_alike(start, other) for other in chosen):
             chosen.append(start)
-    return chosen
+    merits = np.array([_log_likelihood(start) - _BEHIND * behind(start.model, start.weights) for start in chosen])
+    order = np.argsort(-merits, kind="stable")[:_FOLLOWED]
+    return [chosen[k] for k in order if merits[k] >= merits.max() - _FAR_BELOW]
+
+
+def _alike(one: Refined, other: Refined) -> bool:
+    """Whether two agree which matches are good, and are near one another."""
+    if np.abs(one.weights - other.weights).max() > _ALIKE:
+        return False
+    a, b = one.model.core, other.model.core
+    return bool(min(np.abs(a - b).max(), np.abs(a + b).max()) < _NEAR)
 
 
 def _log_likelihood(refined: Refined) -> float:
@@ -143,9 +157,11 @@ def _log_likelihood(refined: Refined) -> float:
 
 def _log_probability(mode: Refined) -> float:
     """ℓ + ½ log det C: what the mode holds, to second order."""
+    if not np.isfinite(mode.covariance).all():
+        return -np.inf
     variance = max(mode.cost / max(float(mode.weights.sum()), 1e-12), 1e-20)
     sign, log_determinant = np.linalg.slogdet(variance * mode.covariance)
-    return _log_likelihood(mode) + (0.5 * float(log_determinant) if sign > 0 else -np.inf)
+    return _log_likelihood(mode) + (0.5 * float(log_determinant) if sign > 0 and log_determinant < np.inf else -np.inf)
 
 
 def _mean(

@@ -45,6 +45,8 @@ from stereocal.pair.two_view_models import TwoViewModel
 # λ at the start, and where a step is given up; the least share of good matches; what counts as settled.
 _FIRST_DAMPING, _LARGEST_DAMPING = 1e-4, 1e6
 _LEAST_SHARE = 0.05
+# The least σ as a share of L: matches without noise would make the likelihood infinite.
+_LEAST_SIGMA = 1e-7
 _TOLERANCE = 1e-10
 
 
@@ -174,7 +176,7 @@ def _gradient(points: Float, F: Float) -> Float:
 
 def _mixture(r: Float, weights: Float, extent: float) -> tuple[Float, float]:
     """One expectation step: the weights that follow from σ and π of these weights, and Σ log p."""
-    sigma = np.sqrt(np.sum(weights * r**2) / max(np.sum(weights), 1e-12)) + 1e-12
+    sigma = max(float(np.sqrt(np.sum(weights * r**2) / max(np.sum(weights), 1e-12))), _LEAST_SIGMA * extent)
     share = float(np.clip(weights.mean(), _LEAST_SHARE, 1 - 1e-6))
     good = share * np.exp(-0.5 * (r / sigma) ** 2) / (np.sqrt(2 * np.pi) * sigma)
     density = good + (1 - share) / (2 * extent)

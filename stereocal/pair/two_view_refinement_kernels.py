@@ -21,6 +21,7 @@ SUMS = {"reassoc", "contract", "nsz"}  # sums of products may be regrouped: that
 INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 FIRST_DAMPING, LARGEST_DAMPING = 1e-4, 1e6
 LEAST_SHARE = 0.05
+LEAST_SIGMA = 1e-7
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=SUMS, **INNER)
@@ -43,15 +44,18 @@ def signed_reprojection(F, points, r):
         n0, n1 = a * x + b * y + c, d * x + e * y + f
         m0, m1 = a * u + d * v + g, b * u + e * v + h
         value = n0 * u + n1 * v + g * x + h * y + i
-        s0, s1, t0, t1, step = n0, n1, m0, m1, 0.0
+        s0, s1, t0, t1 = n0, n1, m0, m1
+        r[k] = 0.0
         for _ in range(3):
             curve = s0 * (a * t0 + b * t1) + s1 * (d * t0 + e * t1)
             half = 0.5 * (s0 * n0 + s1 * n1 + t0 * m0 + t1 * m1)
-            step = value / max(half + math.sqrt(max(half * half - curve * value, 0.0)), 1e-300)
-            r[k] = step * math.sqrt(s0 * s0 + s1 * s1 + t0 * t0 + t1 * t1)
-            p, q, o, w = x - step * t0, y - step * t1, u - step * s0, v - step * s1
-            s0, s1 = a * p + b * q + c, d * p + e * q + f
-            t0, t1 = a * o + d * w + g, b * o + e * w + h
+            below = half + math.sqrt(max(half * half - curve * value, 0.0))
+            if below > 0:  # else no pair near this one satisfies F to second order: the last estimate stays
+                step = value / below
+                r[k] = step * math.sqrt(s0 * s0 + s1 * s1 + t0 * t0 + t1 * t1)
+                p, q, o, w = x - step * t0, y - step * t1, u - step * s0, v - step * s1
+                s0, s1 = a * p + b * q + c, d * p + e * q + f
+                t0, t1 = a * o + d * w + g, b * o + e * w + h
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=SUMS, **INNER)
@@ -257,7 +261,7 @@ def mixture_weights(r, extent, weights):
     for k in range(len(r)):
         total += weights[k]
         squares += weights[k] * r[k] * r[k]
-    sigma = math.sqrt(squares / max(total, 1e-12)) + 1e-12
+    sigma = max(math.sqrt(squares / max(total, 1e-12)), LEAST_SIGMA * extent)
     share = min(max(total / len(r), LEAST_SHARE), 1 - 1e-6)
     height, bad = share / (math.sqrt(2 * math.pi) * sigma), (1 - share) / (2 * extent)
     narrow = -0.5 / (sigma * sigma)

@@ -46,7 +46,7 @@ CUBE_OF = np.array([[CUBIC.index(tuple(np.add(a, b).tolist())) for b in LINEAR] 
 
 @njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def null_space(A, basis):
-    """Fill `basis` (9 − m, 9) with vectors A f = 0 of A (m, 9), which is overwritten; tell if A has rank m."""
+    """Fill `basis` (9 − m, 9) with orthonormal vectors A f = 0 of A (m, 9), which is overwritten."""
     m = A.shape[0]
     order = np.arange(9)
     largest = 0.0
@@ -57,8 +57,12 @@ def null_space(A, basis):
                 if abs(A[i, j]) > pivot:
                     row, column, pivot = i, j, abs(A[i, j])
         largest = max(largest, pivot)
-        if pivot <= 1e-13 * largest:
-            return False
+        if pivot <= 1e-13 * largest:  # the equations left say nothing new (matches of a plane): the unknown is free
+            for i in range(k, m):
+                for j in range(9):
+                    A[i, j] = 0.0
+            A[k, k] = 1.0
+            continue
         for j in range(9):
             A[k, j], A[row, j] = A[row, j], A[k, j]
         for i in range(m):
@@ -90,7 +94,6 @@ def null_space(A, basis):
             length += basis[free, j] ** 2
         for j in range(9):
             basis[free, j] /= np.sqrt(length)
-    return True
 
 
 @njit(cache=True, nogil=True, error_model="numpy", **INNER)
@@ -204,8 +207,7 @@ def seven_points(x, xp, samples, models):
     count = 0
     for sample in samples:
         fill_equations(x, xp, sample, A)
-        if not null_space(A, basis):
-            continue
+        null_space(A, basis)
         for k in range(9):
             G[k] = basis[0, k] - basis[1, k]
         c[0], c[1] = determinant(basis[1]), adjugate_trace(basis[1], G)
@@ -332,8 +334,7 @@ def five_points(x, xp, samples, models):
     count = 0
     for sample in samples:
         fill_equations(x, xp, sample, A)
-        if not null_space(A, basis):
-            continue
+        null_space(A, basis)
         essential_constraints(basis, gram, quadratic, M)
         if not reduce_constraints(M):
             continue
