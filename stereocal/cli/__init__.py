@@ -6,7 +6,8 @@
 ``commands``              all commands, from the three modules that follow
 ``commands_calibration``  demo, board, detect, calibrate
 ``commands_depth``        rectify, disparity, sweep
-``commands_tools``        convert, fetch, bench
+``commands_tools``        crosscheck, convert, fetch, bench
+``bench_table``           the table of bench for a terminal of any width
 ``summaries``             what a person reads when a command is done: what was found, and comes next
 ``terminal``              standard output and standard error; progress bars
 ========================  =========================================================================

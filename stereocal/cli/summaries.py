@@ -16,8 +16,8 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from stereocal.cli.bench_table import BenchTable
 from stereocal.report.verdicts import Verdict, worst
-from stereocal.verify.bench import BenchResult
 from stereocal.workflow.benchmarks import BenchRun
 from stereocal.workflow.boards import DetectionRun
 from stereocal.workflow.calibrations import CalibrationRun
@@ -207,7 +207,9 @@ def summarize_sweep(run: SweepRun) -> Iterator[RenderableType]:
 
 
 def summarize_crosscheck(run: CrosscheckRun) -> Iterator[RenderableType]:
-    """A table of the steps, a sentence for each that parts, and the sum of it."""
+    """A table of the steps, a sentence for each that parts and on the given calibration, and the sum of it."""
+    photographs = f"{run.pairs} pairs of photographs" if run.pairs else "no photographs"
+    yield Text(f"{run.calibration}, {photographs}, OpenCV {run.report.opencv_version}\n")
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("step")
     table.add_column("apart", justify="right")
@@ -224,8 +226,8 @@ def summarize_crosscheck(run: CrosscheckRun) -> Iterator[RenderableType]:
     yield table
     yield ""
     for step in run.report.steps:
-        if not step.agrees:
-            yield Text(f"{step.step}: {step.finding}")
+        if not step.agrees or step.step in ("each its own corners", "the given calibration"):
+            yield Text.assemble((f"{step.step}: ", "bold"), step.finding)
     yield Text(run.report.summary(), style="bold")
     if not run.pairs:
         yield from _next(_command("stereocal", "crosscheck", run.calibration, "--left", "LEFT", "--right", "RIGHT"))
@@ -252,55 +254,12 @@ def summarize_fetch(run: FetchRun) -> Iterator[RenderableType]:
 
 def summarize_bench(run: BenchRun) -> Iterator[RenderableType]:
     """The machine, a table with a heading a kernel, and what was written."""
-    yield f"[dim]{escape(run.machine)}[/]"
-    others, extra = run.others, any(result.extra for result in run.results)
-    memory = any(result.ours_mb is not None for result in run.results)
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("case")
-    table.add_column("ours\nms", justify="right", no_wrap=True)
-    for version in (run.opencv_version, *(other.opencv_version for other in others)):
-        table.add_column(f"{version}\nms" if others else "OpenCV\nms", justify="right", no_wrap=True)
-        table.add_column("ratio", justify="right", no_wrap=True)
-    if extra:
-        table.add_column("yours\nms", justify="right", no_wrap=True)
-        table.add_column("ratio", justify="right", no_wrap=True)
-    if memory:
-        table.add_column("ours/OpenCV\nMB", justify="right", no_wrap=True)
-    said = ""
-    for index, result in enumerate(run.results):
-        if index == 0 or result.kernel != run.results[index - 1].kernel:
-            words = {_agreement(other) for other in run.results if other.kernel == result.kernel}
-            said = words.pop() if len(words) == 1 else ""  # one word for all cases of a kernel stands in its heading
-            table.add_row(f"[bold]{escape(result.kernel)}[/]" + (f"\n  [dim]{escape(said)}[/]" if said else ""))
-        case = f"  {escape(result.case)}" + ("" if said else f"\n    [dim]{escape(_agreement(result))}[/]")
-        cells = [case, f"{result.ours_ms:.3g}", f"{result.opencv_ms:.3g}", _ratio(result)]
-        for other in others:
-            there = other.results[index]
-            cells += ["-", ""] if there is None else [f"{there.opencv_ms:.3g}", _ratio(there)]
-        if extra:
-            cells += ["", ""] if result.extra_ms is None else [f"{result.extra_ms:.3g}", f"{result.extra_ratio:.2f}"]
-        if memory:
-            both = result.ours_mb is not None and result.opencv_mb is not None
-            cells.append(f"{result.ours_mb:.0f}/{result.opencv_mb:.0f}" if both else "")
-        table.add_row(*cells)
-    yield table
-    yield "[dim]ratio = ours / OpenCV's processor time, median over turns ± half its quartiles' distance[/]"
-    if memory:
-        yield "[dim]MB: the most that a call takes beyond its input, to about 5 MB[/]"
+    yield Text(run.machine, style="dim")
+    yield BenchTable(run)
+    yield Text("ratio = ours / OpenCV's processor time, median over turns ± half its quartiles' distance", style="dim")
+    if any(result.ours_mb is not None for result in run.results):
+        yield Text("MB = the most that a call takes beyond its input, to about 5 MB", style="dim")
     yield from _files(run.files)
-
-
-def _agreement(result: BenchResult) -> str:
-    """How far the results agree: OpenCV's with ours, and a user's with ours."""
-    return result.agreement if result.extra is None else f"{result.agreement}; yours: {result.extra_agreement}"
-
-
-def _ratio(result: BenchResult) -> str:
-    """The ratio, green where ours is the faster, and half the distance of its quartiles."""
-    colour = "green" if result.ratio <= 1 else "default"
-    spread = (result.ratio_high - result.ratio_low) / 2
-    digits = 2 if result.ratio < 10 else 0
-    return f"[{colour}]{result.ratio:.{digits}f}[/][dim]±{spread:.{digits}f}[/]"
 
 
 def _files(files: tuple[Path, ...], folder: Path | None = None) -> Iterator[RenderableType]:

@@ -5,6 +5,7 @@
 ``comparison``             what a comparison says of one step, and of all of them
 ``second_opinion``         ``crosscheck``: every step of a calibration by both libraries
 ``crosscheck_points``      its steps that need corners
+``crosscheck_given``       is the given calibration at an optimum, and how far from it
 ``crosscheck_images``      its steps that need only the rig
 ``function_checks``        is my function right? A function in, a report out
 ``function_cases``         the kernels that it knows, with the mistakes that people make

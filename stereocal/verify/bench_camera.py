@@ -6,6 +6,7 @@ cameras calibrated one by one in both libraries, and that is timed too.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from stereocal.camera.calibration import calibrate_camera
 from stereocal.camera.model import Camera
 from stereocal.pair.rig import StereoRig
 from stereocal.pair.stereo_calibration import calibrate_stereo
-from stereocal.verify.bench import BenchCase
+from stereocal.verify.bench import Arguments, BenchCase
 
 SIZE = (640, 480)
 
@@ -73,52 +74,55 @@ def synthetic_pairs(count: int, seed: int = 0) -> tuple[Float, list[Float], list
     return X, left, right
 
 
+@cache
+def _inputs(count: int) -> tuple[Float, list[list[Float]], list[Any], list[list[Any]]]:
+    """Board points and corners of both sides, ours and OpenCV's; made when a case runs, not when it is listed."""
+    X, *sides = synthetic_pairs(count)
+    for_opencv = [[y.astype(np.float32)[:, None] for y in side] for side in sides]
+    return X, sides, [X.astype(np.float32)] * count, for_opencv
+
+
 def mono_case(count: int) -> BenchCase:
     """Return the case of one camera and `count` views."""
     import cv2
 
-    X, left, _ = synthetic_pairs(count)
-    objects, images = _for_opencv(X, left)
-    return BenchCase(
-        "calibrate_camera",
-        f"{count} views of 9x6",
-        lambda: calibrate_camera(X, left, SIZE).rms,
-        lambda: cv2.calibrateCamera(objects, images, SIZE, None, None)[0],
-        _agreement,
-        lambda: ((X, left, SIZE), {}),
-    )
+    def ours() -> float:
+        X, (left, _), _, _ = _inputs(count)
+        return calibrate_camera(X, left, SIZE).rms
+
+    def opencv() -> float:
+        _, _, objects, (images, _) = _inputs(count)
+        return float(cv2.calibrateCamera(objects, images, SIZE, None, None)[0])
+
+    def arguments() -> Arguments:
+        X, (left, _), _, _ = _inputs(count)
+        return (X, left, SIZE), {}
+
+    return BenchCase("calibrate_camera", f"{count} views of 9x6", ours, opencv, _agreement, arguments)
 
 
 def stereo_case(count: int) -> BenchCase:
     """Return the case of joint stereo calibration of `count` pairs."""
     import cv2
 
-    X, left, right = synthetic_pairs(count)
-    objects, left_images = _for_opencv(X, left)
-    _, right_images = _for_opencv(X, right)
+    def ours() -> float:
+        X, (left, right), _, _ = _inputs(count)
+        return calibrate_stereo(X, left, right, SIZE).rms
 
     def opencv() -> float:
+        _, _, objects, sides = _inputs(count)
         cameras: list[Any] = []
-        for images in (left_images, right_images):
+        for images in sides:
             cameras += cv2.calibrateCamera(objects, images, SIZE, None, None)[1:3]
-        return float(
-            cv2.stereoCalibrate(
-                objects, left_images, right_images, *cameras, SIZE, flags=cv2.CALIB_USE_INTRINSIC_GUESS
-            )[0]
-        )
+        flags = cv2.CALIB_USE_INTRINSIC_GUESS
+        return float(cv2.stereoCalibrate(objects, *sides, *cameras, SIZE, flags=flags)[0])
 
-    return BenchCase(
-        "calibrate_stereo",
-        f"joint, {count} pairs of 9x6, with both mono calibrations",
-        lambda: calibrate_stereo(X, left, right, SIZE).rms,
-        opencv,
-        _agreement,
-        lambda: ((X, left, right, SIZE), {}),
-    )
+    def arguments() -> Arguments:
+        X, (left, right), _, _ = _inputs(count)
+        return (X, left, right, SIZE), {}
 
-
-def _for_opencv(X: Float, corners: list[Float]) -> tuple[list[Any], list[Any]]:
-    return [X.astype(np.float32)] * len(corners), [y.astype(np.float32)[:, None] for y in corners]
+    name = f"joint, {count} pairs of 9x6, with both mono calibrations"
+    return BenchCase("calibrate_stereo", name, ours, opencv, _agreement, arguments)
 
 
 def _agreement(ours: float, theirs: float) -> str:

@@ -1,7 +1,8 @@
-"""The steps of a crosscheck that need corners: detection, homographies, calibrations, the given one's optimum."""
+"""The steps of a crosscheck that need corners: detection, homographies, calibrations, each library's whole way."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import cv2
@@ -9,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocal.base.checks import Float
-from stereocal.base.least_squares import central_differences, minimize_least_squares
-from stereocal.base.rotations import rotation_matrix, rotation_vector
+from stereocal.base.least_squares import minimize_least_squares
+from stereocal.base.rotations import rotation_vector
 from stereocal.board.chessboard import Chessboard
 from stereocal.camera.calibration import calibrate_camera
 from stereocal.camera.homography import fit_homography
 from stereocal.camera.model import Camera
 from stereocal.camera.pose import estimate_poses
-from stereocal.pair.rig import StereoRig
+from stereocal.pair.corner_order import repair_corner_order
 from stereocal.pair.stereo_calibration import calibrate_stereo
 from stereocal.verify import opencv_calls
 from stereocal.verify.comparison import StepComparison, not_compared
@@ -35,60 +36,115 @@ def as_float32(points: Float) -> Float:
 
 
 def compare_corners(
-    side: str, images: list[NDArray[Any]], ours: list[Float | None], board: Chessboard, size: tuple[int, int]
-) -> tuple[StepComparison, ...]:
-    """Compare both OpenCV detectors with ours: found, difference, and whose corners fit held-out views."""
+    side: str,
+    images: list[NDArray[Any]],
+    ours: list[Float | None],
+    board: Chessboard,
+    size: tuple[int, int],
+    names: Sequence[str],
+) -> tuple[list[StepComparison], list[Float | None]]:
+    """Compare both OpenCV detectors with ours: found, difference, and whose corners fit held-out views.
+
+    Returns
+    -------
+    steps : list of StepComparison
+        Against findChessboardCorners with cornerSubPix, and against findChessboardCornersSB.
+    classic : list of ndarray or None
+        What the former found, in its own order.
+    """
     detectors = {"classic": 11, "SB": None}  # findChessboardCorners with cornerSubPix 11, and findChessboardCornersSB
-    steps = []
+    steps, lists = [], []
     for name, half_window in detectors.items():
         found = [opencv_calls.find_corners(image, board.inner_corners, half_window) for image in images]
-        label = f"corners {side}, {name}"
-        both = [(a, _in_order_of(b, a)) for a, b in zip(ours, found, strict=True) if a is not None and b is not None]
+        lists.append(found)
         full = "findChessboardCornersSB" if half_window is None else "findChessboardCorners and cornerSubPix 11"
-        counts = f"of {len(ours)} boards stereocal finds {_count(ours)}, {full} {_count(found)}"
-        if len(both) < 4:
-            steps.append(not_compared(label, f"{counts}: too few in common to compare."))
-            continue
-        turned = sum(
-            not np.array_equal(_in_order_of(b, a), b)
-            for a, b in zip(ours, found, strict=True)
-            if a is not None and b is not None
+        steps.append(_compare_detector(f"corners {side}, {name}", full, ours, found, board, size, names))
+    return steps, lists[0]
+
+
+def _compare_detector(
+    label: str,
+    full: str,
+    ours: list[Float | None],
+    found: list[Float | None],
+    board: Chessboard,
+    size: tuple[int, int],
+    names: Sequence[str],
+) -> StepComparison:
+    both = {k: (a, b) for k, (a, b) in enumerate(zip(ours, found, strict=True)) if a is not None and b is not None}
+    turned = {k for k, (a, b) in both.items() if _counts_from_the_other_end(b, a)}
+    both = {k: (a, b[::-1] if k in turned else b) for k, (a, b) in both.items()}
+    finding = f"of {len(ours)} boards stereocal finds {_count(ours)}, {full} {_count(found)}"
+    missed = [names[k] for k, (a, b) in enumerate(zip(ours, found, strict=True)) if a is not None and b is None]
+    if missed:
+        finding += f" (not {_listed(missed)})"
+    apart = {k: float(np.median(np.linalg.norm(a - b, axis=1))) for k, (a, b) in both.items()}
+    # a list half a square off is not of the same corners at all: another part of the board, or transposed
+    strange = [k for k, (a, _) in both.items() if apart[k] > 0.5 * _spacing(a, board)]
+    for k in strange:
+        fits = [rms(_transfer(fit_homography(board.object_points[:, :2], c), board.object_points[:, :2]) - c)
+                for c in both[k]]  # fmt: skip
+        finding += (
+            f"; in {names[k]} the two are of different corners: as a plane board ours fit to {fits[0]:.2f} px, "
+            f"OpenCV's to {fits[1]:.2f}"
         )
-        difference = rms(np.concatenate([a - b for a, b in both]))
-        held = [_held_out_rms(board.object_points, [pair[k] for pair in both], size) for k in (0, 1)]
-        nearer = "stereocal" if held[0] < held[1] else "opencv"
-        finding = (
-            f"{counts}; held-out RMS over the {len(both)} in common {held[0]:.3f} px with ours, "
-            f"{held[1]:.3f} with OpenCV's."
-        )
-        if turned:
-            finding += f" OpenCV numbers {turned} of them from the other end: never mix two detectors."
-        figures = {"ours_held_out_px": held[0], "opencv_held_out_px": held[1], "in_common": len(both)}
-        source = "ours: a tenth of a pixel changes the focal length by its standard deviation"
-        steps.append(StepComparison(label, difference, "px RMS", 0.1, source, nearer, finding, figures))
-    return tuple(steps)
+    same = [pair for k, pair in both.items() if k not in strange]
+    if len(same) < 4:
+        return not_compared(label, f"{finding}: too few in common to compare.")
+    errors = [_held_out_errors(board.object_points, [pair[k] for pair in same], size) for k in (0, 1)]
+    held = [float(np.sqrt(np.mean(each))) for each in errors]
+    nearer = _smaller_beyond_noise(errors[0], errors[1])
+    finding += f"; held-out RMS over the {len(same)} in common {held[0]:.3f} px with ours, {held[1]:.3f} with OpenCV's"
+    finding += ", a difference within what these views scatter." if nearer == "unknown" else "."
+    if turned - set(strange):
+        finding += f" OpenCV numbers {len(turned - set(strange))} of them from the other end: never mix two detectors."
+    figures = {"ours_held_out_px": held[0], "opencv_held_out_px": held[1], "in_common": len(same)}
+    figures |= {"ours_found": _count(ours), "opencv_found": _count(found), "other_corners": len(strange)}
+    source = "ours: a tenth of a pixel changes the focal length by its standard deviation"
+    difference = max([rms(np.concatenate([a - b for a, b in same])), *(apart[k] for k in strange)])
+    return StepComparison(label, difference, "px RMS", 0.1, source, nearer, finding, figures)
+
+
+def _spacing(corners: Float, board: Chessboard) -> float:
+    """The median distance of neighbours along the rows, pixels."""
+    columns, rows = board.inner_corners
+    return float(np.median(np.linalg.norm(np.diff(corners.reshape(rows, columns, 2), axis=1), axis=2)))
+
+
+def _listed(names: Sequence[str], most: int = 3) -> str:
+    text = ", ".join(names[:most])
+    return text if len(names) <= most else f"{text} and {len(names) - most} more"
 
 
 def _count(found: list[Float | None]) -> int:
     return sum(corners is not None for corners in found)
 
 
-def _in_order_of(corners: Float, reference: Float) -> Float:
-    """Turn the list round if that brings it nearer to the reference (the two detectors count from either end)."""
+def _counts_from_the_other_end(corners: Float, reference: Float) -> bool:
+    """Whether the list turned round is nearer to the reference (the two detectors count from either end)."""
     as_is, turned = (np.median(np.linalg.norm(c - reference, axis=1)) for c in (corners, corners[::-1]))
-    return corners if as_is <= turned else corners[::-1]
+    return bool(turned < as_is)
 
 
-def _held_out_rms(object_points: Float, views: Corners, size: tuple[int, int], folds: int = 4) -> float:
-    """RMS on views that took no part in the fit: only their pose is fitted."""
-    errors = []
-    for fold in range(min(folds, len(views) - 3)):
-        held = views[fold :: min(folds, len(views) - 3)]
-        kept = [v for i, v in enumerate(views) if i % min(folds, len(views) - 3) != fold]
-        camera = calibrate_camera(object_points, kept, size).camera
-        rvecs, tvecs = estimate_poses(object_points, held, camera)
-        errors += [camera.project(object_points, r, t) - v for r, t, v in zip(rvecs, tvecs, held, strict=True)]
-    return rms(np.concatenate(errors))
+def _held_out_errors(object_points: Float, views: Corners, size: tuple[int, int], folds: int = 4) -> Float:
+    """Mean squared error of each view by a calibration that it took no part in: only its pose is fitted."""
+    errors = np.empty(len(views))
+    folds = min(folds, len(views) - 3)
+    for fold in range(folds):
+        held = range(fold, len(views), folds)
+        camera = calibrate_camera(object_points, [v for i, v in enumerate(views) if i not in held], size).camera
+        rvecs, tvecs = estimate_poses(object_points, [views[i] for i in held], camera)
+        for i, rvec, tvec in zip(held, rvecs, tvecs, strict=True):
+            errors[i] = rms(camera.project(object_points, rvec, tvec) - views[i]) ** 2
+    return errors
+
+
+def _smaller_beyond_noise(ours: Float, theirs: Float) -> str:
+    """Whose errors are smaller, view by view, by more than two standard errors of the mean difference."""
+    difference = theirs - ours
+    noise = float(np.std(difference, ddof=1) / np.sqrt(len(difference)))
+    mean = float(np.mean(difference))
+    return "unknown" if abs(mean) <= 2 * noise else "stereocal" if mean > 0 else "opencv"
 
 
 def compare_homographies(object_points: Float, views: Corners) -> StepComparison:
@@ -181,83 +237,57 @@ def compare_stereo(
     return StepComparison("joint optimum", abs(excess), "px RMS", 1e-4, source, nearer, finding, figures)
 
 
-def judge_given(object_points: Float, views: tuple[Corners, Corners], rig: StereoRig, unit: str) -> StepComparison:
-    """Ask whether the given calibration is at an optimum of these corners, and how far from it if not.
+def compare_chain(
+    board: Chessboard,
+    ours: tuple[list[Float | None], list[Float | None]],
+    theirs: tuple[list[Float | None], list[Float | None]],
+    size: tuple[int, int],
+    model: str,
+    unit: str,
+    names: Sequence[str],
+    corners_nearer: str,
+) -> StepComparison:
+    """Compare the whole way of each library from its own corners, and name pairs that OpenCV numbers from two ends.
 
-    The poses of the boards are fitted to the given rig first; the gradient over its own parameters is then the
-    derivative of the best cost there is for that rig (the envelope theorem).
+    That is what most programs do: findChessboardCorners, cornerSubPix, calibrateCamera, stereoCalibrate, and no look at
+    whether left and right count from the same end of a board that is the same after half a turn.
     """
-    poses = [_pose_in_rig(object_points, left, right, rig) for left, right in zip(*views, strict=True)]
-    given = _rig_residuals(object_points, poses, rig, views)
-    best = calibrate_stereo(object_points, *views, rig.left.image_size, model=rig.left.model)
-    cosine = _gradient_cosine(object_points, poses, rig, views)
-    given_points, best_points = (_triangulated(r, views) for r in (rig, best.rig))
-    shift = np.linalg.norm(given_points - best_points, axis=1)
-    error = rms(given)
+    label, X = "each its own corners", board.object_points
+    pairs = [[(k, a, b) for k, (a, b) in enumerate(zip(*who, strict=True)) if a is not None and b is not None]
+             for who in (ours, theirs)]  # fmt: skip
+    if min(map(len, pairs)) < 3 or model not in opencv_calls.FLAGS_OF_MODEL:
+        return not_compared(label, "OpenCV finds too few pairs, or has no such lens model.")
+    left, right, _ = repair_corner_order(board, [a for _, a, _ in pairs[0]], [b for _, _, b in pairs[0]], size)
+    best = calibrate_stereo(X, left, right, size, model=model)
+    first, second = [a for _, a, _ in pairs[1]], [b for _, _, b in pairs[1]]
+    repaired_left, repaired_right, flipped = repair_corner_order(board, first, second, size)
+    try:
+        as_found = _opencv_stereo(X, first, second, size, model)
+        repaired = _opencv_stereo(X, repaired_left, repaired_right, size, model) if any(flipped) else as_found
+    except cv2.error as error:
+        return not_compared(label, f"OpenCV gives up on its own corners: {' '.join(str(error).split())[:120]}.")
     finding = (
-        f"given RMS {error:.5f} px, optimum {best.rms:.5f}; corners in space differ by {np.median(shift):.3g} {unit} "
-        f"(median), {shift.max():.3g} at most; largest |cos| of gradient and residual {cosine:.1e}."
+        f"joint RMS {best.rms:.3f} px and baseline {best.rig.baseline:.4f} {unit} from our corners of {len(left)} "
+        f"pairs; OpenCV from its own of {len(first)}: {as_found[0]:.3f} px and {as_found[1]:.4f}."
     )
-    if error - best.rms > 1e-4:
-        finding += " It is not at an optimum of these corners: other corners, other settings, or an early stop."
-    figures = {"given_rms_px": error, "optimum_rms_px": best.rms, "gradient_cosine": cosine}
-    figures |= {"median_shift": float(np.median(shift)), "largest_shift": float(shift.max())}
-    nearer = "equal" if error - best.rms <= 1e-4 else "stereocal"
-    source = "1e-4 px: beyond it the solver, the corners or the model were others"
-    return StepComparison("the given calibration", error - best.rms, "px RMS", 1e-4, source, nearer, finding, figures)
+    if any(flipped):
+        turned = [names[k] for (k, _, _), turn in zip(pairs[1], flipped, strict=True) if turn]
+        finding += (
+            f" It numbers left and right from opposite ends in {_listed(turned)}, and does not check; these turned, it "
+            f"gives {repaired[0]:.3f} px and {repaired[1]:.4f}."
+        )
+    apart, tolerance = abs(as_found[1] - best.rig.baseline), 3 * best.baseline_std
+    nearer = "equal" if apart <= tolerance else "stereocal" if any(flipped) else corners_nearer
+    figures = {"ours_rms_px": best.rms, "opencv_rms_px": as_found[0], "flipped_pairs": float(sum(flipped))}
+    figures |= {"ours_baseline": best.rig.baseline, "opencv_baseline": as_found[1]}
+    figures |= {"opencv_rms_unflipped_px": repaired[0], "opencv_baseline_unflipped": repaired[1]}
+    source = "three standard deviations of our baseline"
+    return StepComparison(label, apart, f"{unit} baseline", tolerance, source, nearer, finding, figures)
 
 
-def _rig_residuals(X: Float, poses: list[Float], rig: StereoRig, views: tuple[Corners, Corners]) -> Float:
-    pairs = zip(poses, *views, strict=True)
-    return np.concatenate([_pair_residuals(X, pose, rig, left, right) for pose, left, right in pairs])
-
-
-def _pair_residuals(X: Float, pose: Float, rig: StereoRig, left: Float, right: Float) -> Float:
-    R, t = rotation_matrix(pose[:3]), pose[3:]
-    in_left = X @ R.T + t
-    still = np.zeros(3)
-    in_right = in_left @ rig.R.T + rig.T
-    return np.concatenate(
-        [rig.left.project(in_left, still, still) - left, rig.right.project(in_right, still, still) - right]
-    )
-
-
-def _pose_in_rig(X: Float, left: Float, right: Float, rig: StereoRig) -> Float:
-    rvecs, tvecs = estimate_poses(X, [left], rig.left)
-    start = np.concatenate([rvecs[0], tvecs[0]])
-    return minimize_least_squares(lambda p: _pair_residuals(X, p, rig, left, right).ravel(), start).x
-
-
-def _gradient_cosine(X: Float, poses: list[Float], rig: StereoRig, views: tuple[Corners, Corners]) -> float:
-    """Largest |cos| between the residual and a column of the derivative by one of the rig's own parameters."""
-    n = len(rig.left.dist)
-
-    def unpacked(p: Float) -> StereoRig:
-        cameras = []
-        for q, size in ((p[: 4 + n], rig.left.image_size), (p[4 + n : 8 + 2 * n], rig.right.image_size)):
-            K = np.array([[q[0], 0, q[2]], [0, q[1], q[3]], [0, 0, 1]])
-            cameras.append(Camera(K, q[4:], size, model=rig.left.model))
-        return StereoRig(cameras[0], cameras[1], rotation_matrix(p[-6:-3]), p[-3:])
-
-    def residuals(p: Float) -> Float:
-        return _rig_residuals(X, poses, unpacked(p), views).ravel()
-
-    def packed(camera: Camera) -> Float:
-        return np.concatenate([camera.K[[0, 1, 0, 1], [0, 1, 2, 2]], camera.dist])
-
-    start = np.concatenate([packed(rig.left), packed(rig.right), rotation_vector(rig.R), rig.T])
-    r, J = residuals(start), central_differences(residuals, start)
-    lengths = np.linalg.norm(J, axis=0)
-    moves = lengths > 0
-    return float(np.max(np.abs(J.T @ r)[moves] / lengths[moves]) / np.linalg.norm(r))
-
-
-def _triangulated(rig: StereoRig, views: tuple[Corners, Corners]) -> Float:
-    from stereocal.reconstruction.triangulation import triangulate_points
-
-    P1 = rig.left.K @ np.eye(3, 4)
-    P2 = rig.right.K @ np.column_stack([rig.R, rig.T])
-    left, right = (
-        camera.undistort_points(np.concatenate(side)) for camera, side in zip((rig.left, rig.right), views, strict=True)
-    )
-    return np.asarray(triangulate_points(P1, P2, left, right))
+def _opencv_stereo(X: Float, left: Corners, right: Corners, size: tuple[int, int], model: str) -> tuple[float, float]:
+    """OpenCV's joint RMS and baseline from corners, by way of its calibrations of each camera."""
+    views = ([as_float32(view) for view in left], [as_float32(view) for view in right])
+    mono = [opencv_calls.calibrate_camera(X, side, size, model)[1:] for side in views]
+    error, _, T, _ = opencv_calls.calibrate_stereo(X, views, size, (mono[0], mono[1]), model)
+    return error, float(np.linalg.norm(T))

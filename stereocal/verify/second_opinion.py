@@ -10,11 +10,12 @@ This is the one room that imports OpenCV; nothing that it computes enters any re
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter
 
 from stereocal.base.checks import Float
@@ -27,6 +28,7 @@ from stereocal.pair.rectification import rectify
 from stereocal.pair.rig import StereoRig
 from stereocal.verify import opencv_calls
 from stereocal.verify.comparison import CrosscheckReport, StepComparison, not_compared
+from stereocal.verify.crosscheck_given import judge_given
 from stereocal.verify.crosscheck_images import (
     compare_disparity,
     compare_epipolar,
@@ -38,10 +40,10 @@ from stereocal.verify.crosscheck_images import (
 )
 from stereocal.verify.crosscheck_points import (
     compare_camera,
+    compare_chain,
     compare_corners,
     compare_homographies,
     compare_stereo,
-    judge_given,
 )
 
 Image = NDArray[Any]
@@ -53,6 +55,9 @@ def crosscheck(
     board: Chessboard | None = None,
     left_images: Sequence[Image] = (),
     right_images: Sequence[Image] = (),
+    names: Sequence[str] = (),
+    used: Sequence[bool] | None = None,
+    board_points: ArrayLike | None = None,
     scene: tuple[Image, Image] | None = None,
     unit: str = "units",
     progress: Callable[[str], None] = lambda step: None,
@@ -67,6 +72,12 @@ def crosscheck(
         The target; needed with photographs.
     left_images, right_images : sequence of ndarray
         Photographs of the board, in pairs: they bring the steps from corners to the joint optimum.
+    names : sequence of str
+        What to call each pair in the sentences; by default their numbers.
+    used : sequence of bool, optional
+        The pairs that the calibration was made from, where that is known: only these judge whether it is at an optimum.
+    board_points : array_like of shape (N, 3), optional
+        The board's shape as the calibration found it, where it was not taken for flat.
     scene : (ndarray, ndarray), optional
         A pair for the dense steps; the first photographs if absent, a random texture if there are none.
     unit : str
@@ -93,7 +104,13 @@ def crosscheck(
     """
     steps: list[StepComparison] = []
     if left_images or right_images:
-        steps += _photographed_steps(rig, board, list(left_images), list(right_images), unit, progress)
+        if board is None:
+            raise InputError("photographs need the board that they show: give its inner corners and square size")
+        if len(left_images) != len(right_images):
+            raise InputError(f"{len(left_images)} left and {len(right_images)} right photographs are no pairs")
+        called = list(names) or [f"pair {k + 1}" for k in range(len(left_images))]
+        photographs = _Photographs(board, (list(left_images), list(right_images)), called, used, board_points, unit)
+        steps += _photographed_steps(rig, photographs, progress)
     if {rig.left.model, rig.right.model} <= set(opencv_calls.FLAGS_OF_MODEL):
         pair = scene or ((left_images[0], right_images[0]) if left_images else _textured_pair(rig))
         steps += _rig_steps(rig, pair, progress)
@@ -102,35 +119,45 @@ def crosscheck(
     return CrosscheckReport(cv2.__version__, tuple(steps))
 
 
+@dataclass(frozen=True)
+class _Photographs:
+    """What is known of the photographs of the board."""
+
+    board: Chessboard
+    images: tuple[list[Image], list[Image]]
+    names: list[str]
+    used: Sequence[bool] | None
+    board_points: ArrayLike | None
+    unit: str
+
+
 def _photographed_steps(
-    rig: StereoRig,
-    board: Chessboard | None,
-    left_images: list[Image],
-    right_images: list[Image],
-    unit: str,
-    progress: Callable[[str], None],
+    rig: StereoRig, photographs: _Photographs, progress: Callable[[str], None]
 ) -> list[StepComparison]:
-    if board is None:
-        raise InputError("photographs need the board that they show: give its inner corners and square size")
-    if len(left_images) != len(right_images):
-        raise InputError(f"{len(left_images)} left and {len(right_images)} right photographs are no pairs")
-    size = rig.left.image_size
+    board, unit, names = photographs.board, photographs.unit, photographs.names
     steps: list[StepComparison] = []
     found: list[list[Float | None]] = []
-    for side, images in (("left", left_images), ("right", right_images)):
+    classic: list[list[Float | None]] = []
+    for side, images, camera in zip(("left", "right"), photographs.images, (rig.left, rig.right), strict=True):
         progress(f"corners, {side}")
         found.append([detect_chessboard(image, board) for image in images])
-        steps += compare_corners(side, images, found[-1], board, size)
-    complete = [(a, b) for a, b in zip(*found, strict=True) if a is not None and b is not None]
+        compared, by_opencv = compare_corners(side, images, found[-1], board, camera.image_size, names)
+        steps += compared
+        classic.append(by_opencv)
+    pairs = [(k, a, b) for k, (a, b) in enumerate(zip(*found, strict=True)) if a is not None and b is not None]
+    complete = [k for k, _, _ in pairs]
     if len(complete) < 3:
-        raise InputError(f"the board is found in both images of {len(complete)} pairs, but at least 3 are needed")
-    left, right, flipped = repair_corner_order(board, [a for a, _ in complete], [b for _, b in complete], size)
+        raise InputError(
+            f"the board is found in both images of {len(complete)} pairs, but at least 3 are needed; "
+            f"is it {board} inner corners?"
+        )
+    size, X, model = rig.left.image_size, board.object_points, rig.left.model
+    left, right, flipped = repair_corner_order(board, [a for _, a, _ in pairs], [b for _, _, b in pairs], size)
     if any(flipped):
         counts = f"{sum(flipped)} of {len(flipped)} pairs"
         finding = f"{counts} were numbered from opposite ends and turned; OpenCV does not check."
         source = "a flip ruins a stereo calibration"
         steps.append(StepComparison("corner order", sum(flipped), "pairs", 0, source, "stereocal", finding))
-    X, model = board.object_points, rig.left.model
     progress("homographies")
     steps.append(compare_homographies(X, left))
     mono = []
@@ -141,9 +168,29 @@ def _photographed_steps(
         mono.append(theirs)
     progress("joint optimum")
     steps.append(compare_stereo(X, (left, right), size, model, (mono[0], mono[1])))
+    progress("each its own corners")
+    nearer = {step.nearer for step in steps if step.step.endswith("classic")}
+    verdict = nearer.pop() if len(nearer) == 1 else "unknown"
+    ours, theirs_found = (found[0], found[1]), (classic[0], classic[1])
+    steps.append(compare_chain(board, ours, theirs_found, size, model, unit, names, verdict))
     progress("the given calibration")
-    steps.append(judge_given(X, (left, right), rig, unit))
+    steps.append(_judge(rig, photographs, (left, right), complete))
     return steps
+
+
+def _judge(
+    rig: StereoRig, photographs: _Photographs, views: tuple[list[Float], list[Float]], complete: list[int]
+) -> StepComparison:
+    """Judge the given calibration by the pairs and the board that it was made from, as far as they are known."""
+    X, note = photographs.board.object_points, ""
+    kept = [k for k, pair in enumerate(complete) if photographs.used is None or photographs.used[pair]]
+    if 3 <= len(kept) < len(complete):
+        views = ([views[0][k] for k in kept], [views[1][k] for k in kept])
+        note = f"by the {len(kept)} pairs that it was made from, "
+    if photographs.board_points is not None:
+        X = np.asarray(photographs.board_points, dtype=np.float64).reshape(X.shape)
+        note += "with the board's shape as it found it, "
+    return judge_given(X, views, rig, photographs.unit, note=note)
 
 
 def _rig_steps(rig: StereoRig, pair: tuple[Image, Image], progress: Callable[[str], None]) -> list[StepComparison]:

@@ -13,10 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 from stereocal.base.errors import DataFileError, InputError
 from stereocal.board.chessboard import Chessboard
+from stereocal.pair.rig import StereoRig
+from stereocal.store.calibration_record import METRES
+from stereocal.store.calibrations import load_record
 from stereocal.workflow.photographs import Pair, pair_photographs
 from stereocal.workflow.progress import Progress, Silent
 from stereocal.workflow.quantities import Length, parse_inner_corners, parse_length
-from stereocal.workflow.rectified_pairs import load_rig, require_size_of_rig
+from stereocal.workflow.rectified_pairs import require_size_of_rig
 
 if TYPE_CHECKING:
     from stereocal.verify.comparison import CrosscheckReport
@@ -83,11 +86,17 @@ def run_crosscheck(
     from stereocal.verify.second_opinion import crosscheck
 
     file = find_calibration(calibration)
-    rig = load_rig(file)
+    record = load_record(file)
+    rig = record.calibration
+    if not isinstance(rig, StereoRig):
+        raise DataFileError(file, "holds one camera, but a rig of two is needed; calibrate both together")
+    if left is None and right is not None:
+        raise InputError("the left photographs are missing: give --left as well")
     board, length, pairs = None, Length(1.0, ""), list[Pair]()
     if left is not None:
         board, length = _board(file, inner_corners, square)
         pairs, _ = pair_photographs(left, right)
+        rig = _in_unit_of_board(rig, record.unit, length.unit)
     images = [(pair.left.read(), pair.right.read()) for pair in pairs]
     for pair, both in zip(pairs, images, strict=True):
         require_size_of_rig(pair, both, rig)
@@ -103,6 +112,9 @@ def run_crosscheck(
             board=board,
             left_images=[a for a, _ in images],
             right_images=[b for _, b in images],
+            names=[pair.left.path.name for pair in pairs],
+            used=_used(record.extra, pairs),
+            board_points=record.extra.get("board_points"),
             unit=length.unit or "units",
             progress=begin,
         )
@@ -124,6 +136,23 @@ def find_calibration(where: str | os.PathLike[str]) -> Path:
         if (path / name).is_file():
             return path / name
     raise DataFileError(path, f"holds no calibration ({', '.join(CALIBRATION_FILES)}); name the file itself")
+
+
+def _in_unit_of_board(rig: StereoRig, unit: str | None, of_board: str) -> StereoRig:
+    """The rig with T in the unit of the board's squares, where both units are known."""
+    if unit is None or of_board not in METRES or unit == of_board:
+        return rig
+    return StereoRig(rig.left, rig.right, rig.R, rig.T * (METRES[unit] / METRES[of_board]))
+
+
+def _used(extra: dict[str, Any], pairs: list[Pair]) -> list[bool] | None:
+    """Which pairs our own calibration.json says it was made from; None if it is of other photographs."""
+    listed = extra.get("pairs")
+    if not isinstance(listed, list) or not all(isinstance(entry, dict) for entry in listed):
+        return None
+    known = {(entry.get("left"), entry.get("right")): entry.get("used") is True for entry in listed}
+    names = [(pair.left.path.name, pair.right.path.name) for pair in pairs]
+    return [known[name] for name in names] if all(name in known for name in names) else None
 
 
 def _board(

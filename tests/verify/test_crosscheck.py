@@ -8,7 +8,8 @@ import pytest
 
 import stereocal as sc
 from stereocal.verify.comparison import CrosscheckReport, StepComparison, not_compared
-from stereocal.verify.crosscheck_points import compare_stereo, judge_given, projection_difference
+from stereocal.verify.crosscheck_given import judge_given
+from stereocal.verify.crosscheck_points import compare_stereo, projection_difference
 from stereocal.verify.opencv_calls import calibrate_camera
 from stereocal.verify.second_opinion import crosscheck
 
