@@ -15,14 +15,13 @@ from stereocal.reconstruction.vector_lanes import (
     bits_in_both,
     count_differing_bits,
     high_product,
-    maximum,
     mean_rounded_down,
     mean_rounded_up,
     minimum,
     narrow,
     subtract_saturated,
 )
-from stereocal.reconstruction.vector_primitives import fill, load, store, where_at_most, widen
+from stereocal.reconstruction.vector_primitives import fill, load, maximum, store, where_at_most, widen
 
 
 @njit(cache=True, nogil=True)

@@ -28,9 +28,11 @@ tile of pixels, in which the pixels do not wait for each other: the sums and the
 around t. That is enough: if the winner is unique, all lanes with S ≤ ℓ lie within 1 of it, so it is t or t + 1. What
 remains is done for 16 pixels at once, with conditions joined by | and & instead of branches.
 
-**16 bits or 32.** The sums are kept in 16 bits where no sum of this pair can reach 2¹⁶ − 1: half the registers, half the
-time. :func:`largest_window_sum` gives a bound that real images keep far below 255·(2r + 1)²: as |L − R| is at most
-|L − c| + |R − c|, no S exceeds the largest Σ |L − c| and the largest Σ |R − c| of a window together.
+**16 bits or 32.** Numbers of 16 bits take half the registers and half the time of 32. Sums over large windows may not
+fit into them, but mostly do: the images would have to differ everywhere. So the kernel tries, and watches. A step along
+the row adds no more than the greatest column sum, c_max (2r + 1) with c_max the greatest pixel value; as long as no sum
+has come within that of 2¹⁶, none has passed it unseen. If one comes that near, the kernel stops, and the rows from
+there on are done with 32 bits.
 
 Arguments that both kernels share:
 
@@ -63,11 +65,13 @@ from numba import njit
 
 from stereocal.reconstruction.vector_primitives import (
     absolute_difference,
+    count_at_most,
     element,
     fill,
     fill_from,
     first_and_count_at_most,
     load,
+    maximum,
     smallest,
     store,
     where_at_most,
@@ -77,37 +81,6 @@ from stereocal.reconstruction.vector_primitives import (
 
 TILE = 48
 """Pixels of which the vector kernel takes a step together."""
-
-
-@njit(cache=True, nogil=True)
-def largest_window_sum(image, middle, radius, rows, column, running):
-    """Return the largest Σ |I − middle| over the windows whose centres lie in `rows`.
-
-    `column` (W,) and `running` (W + 1,), both int32, are scratch.
-    """
-    width = image.shape[1]
-    first, last = rows
-    middle = np.int16(middle)
-    column[:] = 0
-    running[0] = 0
-    for y in range(first - radius - 1, first + radius):
-        entering = image[max(y, 0)]
-        for x in range(width):
-            column[x] += np.int16(abs(np.int16(entering[x] - middle)))
-    largest = np.int32(0)
-    for y in range(first, last):
-        entering, leaving = image[y + radius], image[max(y - radius - 1, 0)]
-        for x in range(width):
-            gain = np.int16(abs(np.int16(entering[x] - middle))) - np.int16(abs(np.int16(leaving[x] - middle)))
-            column[x] += np.int16(gain)
-        total = np.int32(0)
-        for x in range(width):
-            total += column[x]
-            running[x + 1] = total
-        before_last = running[2 * radius + 1 :]
-        for x in range(width - 2 * radius):
-            largest = max(largest, np.int32(before_last[x] - running[x]))
-    return largest
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -302,7 +275,7 @@ def find_winners(windows, size, lanes, uniqueness_ratio, never, tile):
 
 @njit(cache=True, nogil=True)
 def fill_columns(left, right, left_column, right_start, radius, first, lanes, blank, columns):
-    """Write the C of the row before the first: rows first − r − 1 … first + r − 1, the row above the image being row 0."""
+    """Write C as it is one row above the first: rows first − r − 1 … first + r − 1, and above the image row 0."""
     size = 16 * len(lanes)
     reference, candidates = left.ravel(), right.ravel()
     columns[:] = 0
@@ -319,9 +292,9 @@ def fill_columns(left, right, left_column, right_start, radius, first, lanes, bl
 @njit(cache=True, nogil=True, error_model="numpy")
 def match_rows_vector(
     left, right, left_column, right_start, radius, rows, search,
-    lanes, columns, windows, beyond, signed, narrow, tile, winners, right_sum, right_winner, out, cost,
+    lanes, columns, windows, beyond, signed, narrow, highest, tile, winners, right_sum, right_winner, out, cost,
 ):  # fmt: skip
-    """Match rows by the smallest S: the D sums as one value.
+    """Match rows by the smallest S, the D sums as one value; return the first row that was not done.
 
     Parameters
     ----------
@@ -339,6 +312,8 @@ def match_rows_vector(
         two columns into 16.
     narrow : True or None
         True to refine by :func:`refined_narrow`: S is uint16 and `subpixel` OpenCV's.
+    highest : int or None
+        Where S is uint16 and may not fit: the greatest S from which one step does not lead beyond 2¹⁶ − 1.
     tile : (8 T,) int32
         Scratch: what is found about each pixel of a tile, see :func:`choose_winners`.
     right_sum, right_winner : (W + lanes,)
@@ -363,6 +338,7 @@ def match_rows_vector(
             right_sum[:] = never
         sums = load(windows, 32, lanes)
         sums = sums - sums
+        seen = sums
         begin = -2 * radius
         while begin < n:
             # up to the first pixel the columns are only summed; from there on, tile by tile, the sums are ranked too
@@ -381,12 +357,16 @@ def match_rows_vector(
                     gained = gained + widen_signed(new - old, zero)
                     sums = sums + widen_signed(gained - lost, sums)
                 store(gained, columns, blank + j * size)
+                if highest is not None:
+                    seen = maximum(seen, sums)
                 if begin >= 0:
                     ranked = sums
                     if beyond is not None:
                         ranked = sums | load(beyond, 0, lanes)
                     store(ranked, windows, 32 + i * (size + 32))
                     tile[i] = smallest(ranked)
+            if highest is not None and count_at_most(seen, highest) < size:
+                return y
             if begin >= 0:
                 if right_sum is not None:
                     x = first_x + begin
@@ -401,3 +381,4 @@ def match_rows_vector(
             begin += pixels
         if right_winner is not None:
             check_left_right(winners, right_winner, d_max, left_right, y, first_x, out)
+    return last

@@ -24,7 +24,6 @@ from stereocal.reconstruction.vector_primitives import Vector, _binary, _by_chun
 INDEX = ir.IntType(32)
 
 minimum = intrinsic(_binary(lambda builder, a, b: _extreme(builder, "umin", a, b)))
-maximum = intrinsic(_binary(lambda builder, a, b: _extreme(builder, "umax", a, b)))
 add_saturated = intrinsic(_binary(lambda builder, a, b: _extreme(builder, "uadd.sat", a, b)))
 subtract_saturated = intrinsic(_binary(lambda builder, a, b: _extreme(builder, "usub.sat", a, b)))
 bits_in_both = intrinsic(_binary(lambda builder, a, b: builder.and_(a, b)))

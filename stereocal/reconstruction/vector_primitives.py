@@ -219,6 +219,7 @@ _or = intrinsic(_binary(lambda builder, a, b: builder.or_(a, b)))
 absolute_difference = intrinsic(
     _binary(lambda builder, a, b: builder.sub(_extreme(builder, "umax", a, b), _extreme(builder, "umin", a, b)))
 )
+maximum = intrinsic(_binary(lambda builder, a, b: _extreme(builder, "umax", a, b)))
 
 
 @overload(operator.add)

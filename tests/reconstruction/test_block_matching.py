@@ -160,6 +160,35 @@ def test_plain_loops_equal_vectors(monkeypatch) -> None:
         np.testing.assert_array_equal(match_bm(left, right, **options), expected)
 
 
+def test_sums_that_outgrow_16_bits_midway() -> None:
+    """The kernel tries 16 bits, sees a sum come near their end in the lower half, and hands the rest over to 32."""
+    rng = np.random.default_rng(0)
+    calm = gaussian_filter(rng.standard_normal((240, 300)), 4)
+    left = np.clip(128 + 15 * calm / calm.std(), 0, 255).astype(np.uint8)
+    right = np.roll(left, -7, axis=1)
+    left[160:], right[160:] = rng.choice(np.array([0, 255], np.uint8), (2, 80, 300))
+    options = {"num_disparities": 32, "block_size": 41}
+    filtered = prefilter_image(left)
+    assert sliding_window._sums_may_fit(filtered, 62, 41)
+    busy = np.abs(filtered[170:211, 60:101].astype(int) - prefilter_image(right)[170:211, 50:91])
+    assert busy.sum() + 62 * 41 > 65535
+    np.testing.assert_array_equal(match_bm(left, right, threads=1, **options), opencv_bm(left, right, options))
+
+
+@settings(max_examples=200)
+@given(
+    least=st.integers(0, 65534), beside=st.tuples(st.integers(0, 65534), st.integers(0, 65534)),
+    k=st.integers(-1, 63), d_max=st.integers(-2100, 2600),
+)  # fmt: skip
+def test_refinement_in_float32_equals_that_in_float64(least, beside, k, d_max) -> None:
+    from stereocal.reconstruction.sliding_window_kernels import refined, refined_narrow
+
+    below, above = (max(least, value) for value in beside)
+    exact = refined(k, float(below), float(least), float(above), d_max, 64, 1)
+    narrow = refined_narrow(k, np.float32(below), np.float32(least), np.float32(above), d_max, 64)
+    np.testing.assert_array_equal(narrow, exact)
+
+
 def test_readable_path_without_numba() -> None:
     """NUMBA_DISABLE_JIT=1 runs the loops as Python, for coverage, with the same answer."""
     script = (

@@ -13,14 +13,13 @@ from stereocal.reconstruction.vector_lanes import (
     from_above,
     from_below,
     high_product,
-    maximum,
     mean_rounded_down,
     mean_rounded_up,
     minimum,
     narrow,
     subtract_saturated,
 )
-from stereocal.reconstruction.vector_primitives import lanes_of, load, store
+from stereocal.reconstruction.vector_primitives import lanes_of, load, maximum, store
 
 pytestmark = pytest.mark.skipif(config.DISABLE_JIT, reason="vectors exist in compiled code alone")
 
