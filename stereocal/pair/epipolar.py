@@ -217,7 +217,9 @@ def symmetric_epipolar_distance(left_points: ArrayLike, right_points: ArrayLike,
     return np.asarray(np.where(c == 0, 0.0, distance))
 
 
-def correct_matches(left_points: ArrayLike, right_points: ArrayLike, F: ArrayLike) -> tuple[Float, Float]:
+def correct_matches(
+    left_points: ArrayLike, right_points: ArrayLike, F: ArrayLike, *, backend: str = "numba"
+) -> tuple[Float, Float]:
     """Move each pair to the nearest pair that satisfies x'ᵀ F x = 0: min ‖x − x̂‖² + ‖x' − x̂'‖².
 
     Parameters
@@ -226,6 +228,8 @@ def correct_matches(left_points: ArrayLike, right_points: ArrayLike, F: ArrayLik
         Matching pixels.
     F : array_like of shape (3, 3)
         The fundamental matrix.
+    backend : {"numba", "numpy"}
+        The compiled kernel, or its readable twin.
 
     Returns
     -------
@@ -253,6 +257,12 @@ def correct_matches(left_points: ArrayLike, right_points: ArrayLike, F: ArrayLik
     left, right = point_pairs(left_points, right_points)
     matrix = as_array(F, (3, 3), "F")
     matrix = matrix / np.linalg.norm(matrix)
+    if require_choice(backend, ("numba", "numpy"), "backend") == "numba":
+        from stereocal.pair.epipolar_kernels import nearest_pairs
+
+        new_left, new_right = np.empty_like(left), np.empty_like(right)
+        nearest_pairs(matrix, left, right, _LINDSTROM_ROUNDS, new_left, new_right)
+        return new_left, new_right
     c, n, n_left = _constraint(left, right, matrix)
     n0, n0_left, corner = n, n_left, matrix[:2, :2]
     move_left, move_right = np.zeros_like(left), np.zeros_like(right)

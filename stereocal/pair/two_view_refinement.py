@@ -152,7 +152,7 @@ def signed_distances(points: Float, F: Float, *, exact: bool = True) -> Float:
     if not exact:
         return np.asarray(c / np.sqrt(w))
     left, right = points[:2].T, points[2:].T
-    best_left, best_right = correct_matches(left, right, F)
+    best_left, best_right = correct_matches(left, right, F, backend="numpy")
     distance = np.sqrt(np.sum((left - best_left) ** 2, axis=1) + np.sum((right - best_right) ** 2, axis=1))
     return np.asarray(np.where(c < 0, -distance, distance))
 

@@ -61,7 +61,13 @@ class Triangulation:
 
 
 def triangulate_points(
-    P1: ArrayLike, P2: ArrayLike, left_points: ArrayLike, right_points: ArrayLike, *, method: str = "linear"
+    P1: ArrayLike,
+    P2: ArrayLike,
+    left_points: ArrayLike,
+    right_points: ArrayLike,
+    *,
+    method: str = "linear",
+    backend: str = "numba",
 ) -> Float:
     """Triangulate matching points: the X with x ~ P₁ X and x' ~ P₂ X.
 
@@ -73,6 +79,8 @@ def triangulate_points(
         Undistorted pixels (or normalised coordinates, if P1 and P2 are poses).
     method : {"linear", "midpoint", "optimal"}
         See the module.
+    backend : {"numba", "numpy"}
+        The compiled kernels, or their readable twins (one for ``midpoint``).
 
     Returns
     -------
@@ -103,11 +111,12 @@ def triangulate_points(
     first, second = as_array(P1, (3, 4), "P1"), as_array(P2, (3, 4), "P2")
     left, right = point_pairs(left_points, right_points)
     require_choice(method, METHODS, "method")
+    require_choice(backend, ("numba", "numpy"), "backend")
     if method == "midpoint":
         return _midpoint(first, second, left, right)
     if method == "optimal":
-        left, right = correct_matches(left, right, fundamental_of_projections(first, second))
-    return _linear(first, second, left, right)
+        left, right = correct_matches(left, right, fundamental_of_projections(first, second), backend=backend)
+    return _linear(first, second, left, right, backend)
 
 
 def triangulate_points_detailed(
@@ -118,12 +127,13 @@ def triangulate_points_detailed(
     *,
     method: str = "optimal",
     sigma: float = 1.0,
+    backend: str = "numba",
 ) -> Triangulation:
     """Triangulate as :func:`triangulate_points` does, and tell covariances, errors and which points are in front.
 
     Parameters
     ----------
-    P1, P2, left_points, right_points, method
+    P1, P2, left_points, right_points, method, backend
         See :func:`triangulate_points`.
     sigma : float
         Standard deviation of each pixel coordinate.
@@ -153,7 +163,7 @@ def triangulate_points_detailed(
     first, second = as_array(P1, (3, 4), "P1"), as_array(P2, (3, 4), "P2")
     left, right = point_pairs(left_points, right_points)
     require_positive(sigma, "sigma")
-    points = triangulate_points(first, second, left, right, method=method)
+    points = triangulate_points(first, second, left, right, method=method, backend=backend)
     with np.errstate(invalid="ignore", divide="ignore"):
         seen = [from_homogeneous(to_homogeneous(points) @ P.T) for P in (first, second)]
         J = np.concatenate([_pixel_jacobian(P, points, x) for P, x in zip((first, second), seen, strict=True)], axis=1)
@@ -210,8 +220,14 @@ def fundamental_of_projections(P1: Float, P2: Float) -> Float:
     return np.asarray(F / size)
 
 
-def _linear(P1: Float, P2: Float, left: Float, right: Float) -> Float:
+def _linear(P1: Float, P2: Float, left: Float, right: Float, backend: str) -> Float:
     """The right singular vector of the smallest singular value of (x p₃ − p₁, y p₃ − p₂) of both views."""
+    if backend == "numba":
+        from stereocal.reconstruction.triangulation_kernels import smallest_singular_vectors
+
+        X = np.empty((len(left), 4))
+        smallest_singular_vectors(P1, P2, left, right, X)
+        return from_homogeneous(X)
     A = np.concatenate([points[:, :, None] * P[2] - P[None, :2] for points, P in ((left, P1), (right, P2))], axis=1)
     return from_homogeneous(np.linalg.svd(A)[2][:, 3])
 

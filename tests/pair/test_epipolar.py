@@ -75,6 +75,8 @@ def test_corrected_matches_satisfy_F_and_are_no_further_than_opencvs(seed) -> No
     view = two_views(seed, noise=3.0)
     F = true_F(view)
     left, right = correct_matches(view.left, view.right, F)
+    for ours, twin in zip((left, right), correct_matches(view.left, view.right, F, backend="numpy"), strict=True):
+        np.testing.assert_allclose(ours, twin, atol=1e-9)
     assert sampson_distance(left, right, F).max() < 1e-18
     cost = np.sum((left - view.left) ** 2, axis=1) + np.sum((right - view.right) ** 2, axis=1)
     other_left, other_right = cv2.correctMatches(F, view.left[None].copy(), view.right[None].copy())

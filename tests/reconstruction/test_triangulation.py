@@ -40,6 +40,18 @@ def test_linear_equals_opencv(seed) -> None:
     np.testing.assert_allclose(ours, (theirs[:3] / theirs[3]).T, rtol=1e-7, atol=1e-9)
 
 
+@pytest.mark.parametrize("method", ["linear", "optimal"])
+@given(seed=seeds)
+@settings(max_examples=15)
+def test_kernels_equal_their_twins(method, seed) -> None:
+    view = two_views(seed, noise=1.0)
+    ours, twin = (
+        triangulate_points(*projections(view), view.left, view.right, method=method, backend=backend)
+        for backend in ("numba", "numpy")
+    )
+    np.testing.assert_allclose(ours, twin, rtol=1e-8, atol=1e-10)
+
+
 @given(seed=seeds)
 @settings(max_examples=25)
 def test_optimal_has_the_smallest_reprojection_error(seed) -> None:
