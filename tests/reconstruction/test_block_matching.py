@@ -161,17 +161,17 @@ def test_plain_loops_equal_vectors(monkeypatch) -> None:
 
 
 def test_sums_that_outgrow_16_bits_midway() -> None:
-    """The kernel tries 16 bits, sees a sum come near their end in the lower half, and hands the rest over to 32."""
-    rng = np.random.default_rng(0)
-    calm = gaussian_filter(rng.standard_normal((240, 300)), 4)
+    """The kernel tries 16 bits, sees a sum come near their end in the lower part, and hands the rest over to 32."""
+    calm = gaussian_filter(np.random.default_rng(0).standard_normal((240, 300)), 4)
     left = np.clip(128 + 15 * calm / calm.std(), 0, 255).astype(np.uint8)
     right = np.roll(left, -7, axis=1)
-    left[160:], right[160:] = rng.choice(np.array([0, 255], np.uint8), (2, 80, 300))
-    options = {"num_disparities": 32, "block_size": 41}
-    filtered = prefilter_image(left)
-    assert sliding_window._sums_may_fit(filtered, 62, 41)
-    busy = np.abs(filtered[170:211, 60:101].astype(int) - prefilter_image(right)[170:211, 50:91])
-    assert busy.sum() + 62 * 41 > 65535
+    left[150:] = np.where(np.arange(300) % 4 < 2, 0, 255)  # of period 4, and the right image by half of that apart
+    right[150:] = np.roll(left[150:], 2, axis=1)
+    filtered = [prefilter_image(image) for image in (left, right)]
+    assert sliding_window._sums_may_fit(filtered[0], 62, 41)
+    differences = np.abs(np.diff([image[160:201, 100:141].astype(int) for image in filtered], axis=0))
+    assert differences.sum() > 65535
+    options = {"num_disparities": 32, "block_size": 41, "uniqueness_ratio": 0}
     np.testing.assert_array_equal(match_bm(left, right, threads=1, **options), opencv_bm(left, right, options))
 
 
