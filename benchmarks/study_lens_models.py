@@ -51,7 +51,11 @@ def opencv_rms(model: str, X, corners, size) -> float:
             if model == "fisheye":
                 names = cv2.fisheye if hasattr(cv2.fisheye, "CALIB_FIX_SKEW") else cv2  # OpenCV 4, OpenCV 5
                 flags = names.CALIB_RECOMPUTE_EXTRINSIC | names.CALIB_FIX_SKEW
-                f64 = [x.astype(np.float64) for x in objects], [y.astype(np.float64) for y in images]
+                # OpenCV 5.0 takes points in a row only
+                f64 = (
+                    [x.reshape(1, -1, 3).astype(float) for x in objects],
+                    [y.reshape(1, -1, 2).astype(float) for y in images],
+                )
                 found = cv2.fisheye.calibrate(*f64, size, None, None, flags=flags, **more)
                 # its RMS is of another definition in some versions: measured anew
                 rms = _fisheye_rms(*f64, found)

@@ -10,6 +10,10 @@ s being the standard deviation of a coordinate if errors are normal (the median 
 everything is judged anew, rejected corners too, until nothing changes. The rounds themselves use the Cauchy loss, so
 that gross errors do not drag the first fit with them.
 
+A view of which one camera of a rig sees most corners elsewhere than the other camera says (counted from the other end,
+or taken when the board had moved) is left out of that camera altogether: what little of it seems to fit, fits by
+chance. A view that no other camera vouches for keeps its best six corners; its pose takes up what is wrong with it.
+
 With normal errors k = 5 rejects 4 corners in a million.
 """
 
@@ -97,23 +101,31 @@ def solve_without_outliers(
 
 
 def _keep(bundle: Bundle, d: Float, limit: float) -> np.ndarray:
-    """Which corners are within the limit, and in each block at least the best few."""
+    """Which corners are within the limit; of each view the best few at least, or none where another camera has it."""
     keep = d <= limit
-    for first, last in zip(bundle.offsets[:-1], bundle.offsets[1:], strict=True):
-        if np.count_nonzero(keep[first:last]) < _LEAST_CORNERS:
+    sizes = np.diff(bundle.offsets)
+    good = np.add.reduceat(keep, bundle.offsets[:-1], dtype=np.int64) >= 0.5 * sizes
+    vouched = np.bincount(bundle.view_of_block[good], minlength=bundle.view_count) > 0
+    for block, (first, last) in enumerate(zip(bundle.offsets[:-1], bundle.offsets[1:], strict=True)):
+        if not good[block] and vouched[bundle.view_of_block[block]]:
+            keep[first:last] = False
+        elif np.count_nonzero(keep[first:last]) < _LEAST_CORNERS:
             keep[first + np.argsort(d[first:last])[:_LEAST_CORNERS]] = True
     return np.asarray(keep)
 
 
 def of_rows(bundle: Bundle, keep: np.ndarray) -> Bundle:
-    """Return a bundle of some measurements only; every block keeps at least one."""
+    """Return a bundle of some measurements only; a camera's view that keeps none is dropped."""
     block = np.repeat(np.arange(len(bundle.offsets) - 1), np.diff(bundle.offsets))
     counts = np.bincount(block[keep], minlength=len(bundle.offsets) - 1)
+    some = counts > 0
     return replace(
         bundle,
         points=bundle.points[keep],
         measured=bundle.measured[keep],
-        offsets=np.concatenate([[0], np.cumsum(counts)]),
+        offsets=np.concatenate([[0], np.cumsum(counts[some])]),
+        camera_of_block=bundle.camera_of_block[some],
+        view_of_block=bundle.view_of_block[some],
         whitening=None if bundle.whitening is None else bundle.whitening[keep],
         shape_index=None if bundle.shape_index is None else bundle.shape_index[keep],
     )

@@ -3,6 +3,7 @@
 ==========================  ==============================================================================
 ``rig``                     two cameras and the motion between them
 ``stereo_calibration``      R, T and both cameras from boards that both see
+``stereo_inputs``           what the user passes to it, sorted by camera
 ``corner_order``            one corner order for both pictures of a pair
 ``diagnosis``               what is wrong with a set of pairs: flips, mispairing, late shutters, knocks, bends
 ``view_rigs``               the rig as each view sees it, and its deviation from the rig of all

@@ -16,19 +16,19 @@ images (see ``pair.corner_order``).
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from stereocal.base.checks import Float, as_image_size, require_choice, require_positive
-from stereocal.base.errors import DegenerateGeometryError, InputError
+from stereocal.base.errors import InputError
 from stereocal.base.rotations import rotation_matrices, rotation_vector
 from stereocal.camera.board_shape import BoardShape, board_line
 from stereocal.camera.board_shape_fit import board_shape_of, fit_shape
-from stereocal.camera.bundle import Bundle, BundleState
+from stereocal.camera.bundle import Bundle, BundleState, residuals
 from stereocal.camera.bundle_problem import camera_of, intrinsics_of, make_bundle, whitening_of
 from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
 from stereocal.camera.calibration import CameraCalibration, calibrate_camera
@@ -36,12 +36,20 @@ from stereocal.camera.covariance import BundleCovariance, bundle_covariance
 from stereocal.camera.distortion import distortion_model
 from stereocal.camera.losses import LOSSES
 from stereocal.camera.model import Camera
-from stereocal.camera.parameters import fixed_names, free_columns, intrinsic_names
+from stereocal.camera.outliers import RejectedCorner, report_rejected, solve_without_outliers
+from stereocal.camera.parameters import (
+    fixed_names,
+    free_columns,
+    intrinsic_names,
+    prior_arrays,
+    share_columns,
+    with_shared_values,
+)
 from stereocal.camera.pose import estimate_poses
-from stereocal.camera.views import as_views
+from stereocal.camera.priors import solve_with_priors
 from stereocal.pair.rig import StereoRig
+from stereocal.pair.stereo_inputs import RIG_NAMES, SIDES, fix_of_side, paired_views, spread_priors
 
-_SIDES = ("left", "right")
 _CANDIDATES = 64
 
 
@@ -83,6 +91,8 @@ class StereoCalibration:
         The board, with its shape where `board_warp` asked for it.
     joint : BundleCovariance
         All covariances, cross terms too.
+    rejected : list of RejectedCorner
+        Corners that were left out, with the reason; camera 0 is the left one.
     """
 
     rig: StereoRig
@@ -105,6 +115,7 @@ class StereoCalibration:
     right: CameraCalibration | None
     board: BoardShape = field(repr=False)
     joint: BundleCovariance = field(repr=False)
+    rejected: list[RejectedCorner] = field(default_factory=list)
 
     @property
     def object_points(self) -> Float:
@@ -123,6 +134,7 @@ class StereoCalibration:
             lines.append(f"  {name:12s} {value:14.6g}" + (f"  ± {std:.2g}" if std > 0 else "  held"))
         lines.append(f"  {'baseline':12s} {self.rig.baseline:14.6g}  ± {self.baseline_std:.2g}")
         lines.append(board_line(self.board))
+        lines += [f"left out: {SIDES[c.camera]} view {c.view}, corner {c.point}: {c.reason}" for c in self.rejected]
         return "\n".join(lines)
 
 
@@ -143,6 +155,9 @@ def calibrate_stereo(
     right_covariances: Sequence[ArrayLike] | None = None,
     skew: bool = False,
     aspect_ratio: float | None = None,
+    share: str | Collection[str] = (),
+    priors: Mapping[str, tuple[float, float]] | None = None,
+    reject_outliers: bool | float = False,
     right_image_size: tuple[int, int] | None = None,
     board_warp: bool | str = False,
     max_iterations: int = 2000,
@@ -166,8 +181,14 @@ def calibrate_stereo(
         Cameras to hold, or to start from; otherwise each is calibrated by itself first.
     fix : str or collection of str
         Parameters held, by name: ``"k3"`` for both cameras, ``"left.k3"`` for one.
-    loss, loss_scale, skew, aspect_ratio, board_warp, max_iterations, backend
+    loss, loss_scale, skew, aspect_ratio, reject_outliers, board_warp, max_iterations, backend
         As in :func:`~stereocal.camera.calibration.calibrate_camera`.
+    share : str or collection of str
+        Parameters that both cameras have in common, by name or group, such as ``"focal_length"`` or ``"distortion"``:
+        one unknown of two. Without `left` and `right` they start from the mean of the two cameras.
+    priors : mapping of str to (mean, sigma), optional
+        Parameters known beforehand, with their standard deviation: ``"fx"`` for both cameras, ``"left.fx"`` for one,
+        ``"T_x"``, ``"T_y"``, ``"T_z"``.
     left_covariances, right_covariances : sequence of array_like of shape (N, 2, 2), optional
         Covariance of each corner, px².
     right_image_size : (int, int), optional
@@ -209,7 +230,7 @@ def calibrate_stereo(
     sizes = (as_image_size(image_size), as_image_size(right_image_size or image_size))
     require_choice(loss, LOSSES, "loss")
     require_positive(loss_scale, "loss_scale")
-    objects, images = _paired_views(object_points, left_points, right_points)
+    objects, images = paired_views(object_points, left_points, right_points)
     covariances = (left_covariances, right_covariances)
     given = (left, right)
     if fix_intrinsics and (left is None) != (right is None):
@@ -225,8 +246,9 @@ def calibrate_stereo(
         if camera is None:
             here = covariances[side]
             calibration = calibrate_camera(
-                X, y, sizes[side], model=model, fix=_fix_of_side(fix, side), loss=loss, loss_scale=loss_scale,
-                skew=skew, aspect_ratio=aspect_ratio, covariances=None if here is None else [here[i] for i in seen],
+                X, y, sizes[side], model=model, fix=fix_of_side(fix, side), loss=loss, loss_scale=loss_scale,
+                skew=skew, aspect_ratio=aspect_ratio, reject_outliers=reject_outliers,
+                covariances=None if here is None else [here[i] for i in seen],
             )  # fmt: skip
             camera = calibration.camera
             rvecs, tvecs = calibration.rvecs, calibration.tvecs
@@ -239,8 +261,8 @@ def calibrate_stereo(
     R, T = _median_rig(poses[0], poses[1])
     models = [distortion_model(camera.model) for camera in cameras]
     held = [
-        set(intrinsic_names(m)) if fix_intrinsics else fixed_names(m, fix, skew=skew, camera=s, cameras=_SIDES)
-        for m, s in zip(models, _SIDES, strict=True)
+        set(intrinsic_names(m)) if fix_intrinsics else fixed_names(m, fix, skew=skew, camera=s, cameras=SIDES)
+        for m, s in zip(models, SIDES, strict=True)
     ]
     parts = [free_columns(intrinsic_names(m), h, aspect_ratio) for m, h in zip(models, held, strict=True)]
     bundle = make_bundle(models, objects, images, _block_diagonal([*parts, np.eye(6)]))
@@ -250,42 +272,36 @@ def calibrate_stereo(
     state = BundleState(
         [intrinsics_of(c) for c in cameras], np.stack([np.eye(3), R]), np.stack([np.zeros(3), T]), R_views, t_views
     )
+    if share:
+        bundle.G = share_columns(bundle.G, [intrinsic_names(m) for m in models], share)
+        state = with_shared_values(state, [intrinsic_names(m) for m in models], share)
     # the start is an optimum already, of each camera by itself: steps need hardly any damping
     solution = solve_bundle(bundle, state, max_iterations=max_iterations, initial_damping=1e-6, backend=backend)
+    everything, kept, limit = bundle, None, np.inf
+    if reject_outliers:
+        factor = 5.0 if reject_outliers is True else require_positive(reject_outliers, "reject_outliers")
+        bundle, solution, kept, limit = solve_without_outliers(
+            bundle, solution, factor, max_iterations=max_iterations, backend=backend
+        )
+    if priors:
+        names = [f"{s}.{n}" for s, m in zip(SIDES, models, strict=True) for n in intrinsic_names(m)] + list(RIG_NAMES)
+        bundle, solution = solve_with_priors(
+            bundle, solution, *prior_arrays(names, spread_priors(priors, names)), max_iterations=max_iterations
+        )
     bundle, solution, kind, held_out = fit_shape(bundle, solution, board_warp, max_iterations=max_iterations)
-    return _result(bundle, solution, cameras, alone, kind, held_out)
+    result = _result(bundle, solution, cameras, alone, kind, held_out)
+    return result if kept is None else _with_rejected(result, everything, solution, kept, limit)
 
 
-def _paired_views(
-    object_points: ArrayLike | Sequence[ArrayLike], left_points: Sequence[ArrayLike], right_points: Sequence[ArrayLike]
-) -> tuple[list[list[Float]], list[list[Float]]]:
-    """Return boards and corners of both sides; a view that one camera missed has no rows there."""
-    if len(left_points) != len(right_points):
-        raise InputError(
-            f"left_points has {len(left_points)} views and right_points {len(right_points)}; they must be pairs, with "
-            "None where one camera missed the board"
-        )
-    left_objects, left_images = as_views(object_points, left_points, "left_points")
-    right_objects, right_images = as_views(object_points, right_points, "right_points")
-    both = [i for i, (a, b) in enumerate(zip(left_images, right_images, strict=True)) if len(a) and len(b)]
-    if not both:
-        raise DegenerateGeometryError(
-            "no view shows the board to both cameras, so that R and T are unknown; photograph the board where both "
-            "see it"
-        )
-    empty = [i for i, (a, b) in enumerate(zip(left_images, right_images, strict=True)) if not len(a) and not len(b)]
-    if empty:
-        raise InputError(f"view {', '.join(map(str, empty))} has corners in neither image; leave it out")
-    return [left_objects, right_objects], [left_images, right_images]
-
-
-def _fix_of_side(fix: str | Collection[str], side: int) -> list[str]:
-    """The names of `fix` that hold for one camera, without its prefix."""
-    entries = [fix] if isinstance(fix, str) else list(fix)
-    unknown = [e for e in entries if "." in e and e.split(".")[0] not in _SIDES]
-    if unknown:
-        raise InputError(f"fix names {unknown[0]!r}, but the cameras are called left and right")
-    return [e.removeprefix(_SIDES[side] + ".") for e in entries if "." not in e or e.startswith(_SIDES[side] + ".")]
+def _with_rejected(
+    result: StereoCalibration, everything: Bundle, solution: BundleSolution, kept: np.ndarray, limit: float
+) -> StereoCalibration:
+    """The result with the residuals of all corners, as they were passed in; its RMS is that of the corners kept."""
+    d = -residuals(everything, replace(solution.state, shape=np.zeros(0)))
+    sides: tuple[list[Float], list[Float]] = (list(result.residuals[0]), list(result.residuals[1]))
+    for block, (camera, view) in enumerate(zip(everything.camera_of_block, everything.view_of_block, strict=True)):
+        sides[camera][view] = d[everything.offsets[block] : everything.offsets[block + 1]]
+    return replace(result, residuals=sides, rejected=report_rejected(everything, solution, kept, limit))
 
 
 @dataclass(frozen=True)
@@ -344,8 +360,8 @@ def _result(
     both = [camera_of(t, c.image_size, m) for t, c, m in zip(state.intrinsics, cameras, bundle.models, strict=True)]
     rig = StereoRig(both[0], both[1], state.R_rig[1], state.t_rig[1])
     joint = bundle_covariance(bundle, state, solution.equations)
-    names = [f"{s}.{n}" for s, m in zip(_SIDES, bundle.models, strict=True) for n in intrinsic_names(m)]
-    names += ["rvec_x", "rvec_y", "rvec_z", "T_x", "T_y", "T_z"]
+    names = [f"{s}.{n}" for s, m in zip(SIDES, bundle.models, strict=True) for n in intrinsic_names(m)]
+    names += RIG_NAMES
     direction = rig.T / rig.baseline if rig.baseline > 0 else np.zeros(3)
     of_T = joint.shared[bundle.rig_slices[1], bundle.rig_slices[1]][3:, 3:]
 
