@@ -19,12 +19,13 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from stereocal.base.checks import Float, as_image_size, require_choice, require_positive
-from stereocal.base.errors import InputError
+from stereocal.base.errors import DegenerateGeometryError, InputError
 from stereocal.base.rotations import rotation_matrices, rotation_vector
 from stereocal.camera.board_shape import BoardShape, board_line
 from stereocal.camera.board_shape_fit import board_shape_of, fit_shape
@@ -33,6 +34,7 @@ from stereocal.camera.bundle_problem import camera_of, intrinsics_of, make_bundl
 from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
 from stereocal.camera.calibration import CameraCalibration, calibrate_camera
 from stereocal.camera.covariance import BundleCovariance, bundle_covariance
+from stereocal.camera.degeneracy import ADVICE
 from stereocal.camera.distortion import distortion_model
 from stereocal.camera.losses import LOSSES
 from stereocal.camera.model import Camera
@@ -245,11 +247,12 @@ def calibrate_stereo(
         camera, calibration = given[side], None
         if camera is None:
             here = covariances[side]
-            calibration = calibrate_camera(
-                X, y, sizes[side], model=model, fix=fix_of_side(fix, side), loss=loss, loss_scale=loss_scale,
-                skew=skew, aspect_ratio=aspect_ratio, reject_outliers=reject_outliers,
-                covariances=None if here is None else [here[i] for i in seen],
-            )  # fmt: skip
+            options = {
+                "model": model, "fix": fix_of_side(fix, side), "loss": loss, "loss_scale": loss_scale, "skew": skew,
+                "aspect_ratio": aspect_ratio, "reject_outliers": reject_outliers,
+                "covariances": None if here is None else [here[i] for i in seen],
+            }  # fmt: skip
+            calibration = _calibrate_alone(side, X, y, sizes[side], options, complete=len(seen) == len(images[side]))
             camera = calibration.camera
             rvecs, tvecs = calibration.rvecs, calibration.tvecs
         else:
@@ -291,6 +294,17 @@ def calibrate_stereo(
     bundle, solution, kind, held_out = fit_shape(bundle, solution, board_warp, max_iterations=max_iterations)
     result = _result(bundle, solution, cameras, alone, kind, held_out)
     return result if kept is None else _with_rejected(result, everything, solution, kept, limit)
+
+
+def _calibrate_alone(
+    side: int, X: list[Float], y: list[Float], size: tuple[int, int], options: dict[str, Any], *, complete: bool
+) -> CameraCalibration:
+    """One camera by itself; what it refuses is said to be its own."""
+    try:
+        return calibrate_camera(X, y, size, **options)
+    except DegenerateGeometryError as error:
+        among = "" if complete else " (views counted among those it saw)"
+        raise DegenerateGeometryError(f"{SIDES[side]} camera by itself{among}: {error}") from error
 
 
 def _with_rejected(
@@ -360,6 +374,11 @@ def _result(
     both = [camera_of(t, c.image_size, m) for t, c, m in zip(state.intrinsics, cameras, bundle.models, strict=True)]
     rig = StereoRig(both[0], both[1], state.R_rig[1], state.t_rig[1])
     joint = bundle_covariance(bundle, state, solution.equations)
+    for side, camera, part in zip(SIDES, both, bundle.intrinsic_slices, strict=True):
+        if solution.converged and not np.sqrt(joint.shared[part, part][1, 1]) < 0.5 * camera.fy:
+            raise DegenerateGeometryError(
+                f"the {len(state.R_views)} views do not determine the focal length of the {side} camera; {ADVICE}"
+            )
     names = [f"{s}.{n}" for s, m in zip(SIDES, bundle.models, strict=True) for n in intrinsic_names(m)]
     names += RIG_NAMES
     direction = rig.T / rig.baseline if rig.baseline > 0 else np.zeros(3)

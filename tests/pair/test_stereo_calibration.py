@@ -142,3 +142,20 @@ def test_bad_input_is_named() -> None:
         sc.calibrate_stereo(X, left, right, SIZE, fix_intrinsics=True, left=rig().left)
     with pytest.raises(sc.InputError, match="called left and right"):
         sc.calibrate_stereo(X, left, right, SIZE, fix="middle.k3")
+
+
+def test_the_camera_that_cannot_be_calibrated_is_named() -> None:
+    X = board()
+    left, right, _ = stereo_views(rig(), X, 6, seed=7, noise=0.1)
+    with pytest.raises(
+        sc.DegenerateGeometryError, match="right camera by itself: the points of view 3 lie on one line"
+    ):
+        sc.calibrate_stereo(X, left, [*right[:3], right[3] * [1, 0] + [0, 7], *right[4:]], SIZE)
+    with pytest.raises(
+        sc.DegenerateGeometryError, match=r"right camera by itself \(views counted among those it saw\)"
+    ):
+        sc.calibrate_stereo(X, left, [*right[:2], *[None] * 4], SIZE)
+    with pytest.raises(
+        sc.DegenerateGeometryError, match="left camera by itself: the boards of all 5 views are parallel"
+    ):
+        sc.calibrate_stereo(X, left[:1] * 5, right[:1] * 5, SIZE)
