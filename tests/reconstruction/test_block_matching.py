@@ -163,7 +163,7 @@ def test_plain_loops_equal_vectors(monkeypatch) -> None:
 def test_sums_that_outgrow_16_bits_midway() -> None:
     """The kernel tries 16 bits, sees a sum come near their end in the lower part, and hands the rest over to 32."""
     calm = gaussian_filter(np.random.default_rng(0).standard_normal((240, 300)), 4)
-    left = np.clip(128 + 15 * calm / calm.std(), 0, 255).astype(np.uint8)
+    left = np.clip(128 + 6 * calm / calm.std(), 0, 255).astype(np.uint8)
     right = np.roll(left, -7, axis=1)
     left[150:] = np.where(np.arange(300) % 4 < 2, 0, 255)  # of period 4, and the right image by half of that apart
     right[150:] = np.roll(left[150:], 2, axis=1)
