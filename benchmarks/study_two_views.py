@@ -12,7 +12,8 @@ offsets          a wrong match is a good one moved by 5 to 60 px in any directio
 second_motion    wrong matches obey another motion: a thing that moves by itself, with 40 % of the matches
 noise_0.3 …      noise of 0.3, 1 or 2 px (the threshold stays 1 px)
 points_100 …     100, 500 or 1000 matches
-plane            the points lie within 2 % of their distance of a slanted plane
+plane, relief    the points lie within 2 or 10 % of their distance of a slanted plane: F is all but undetermined in the
+                 first (a refusal is the right answer, and counts as 180°), and E is not
 forward          the camera moves along its axis
 wide, narrow     a focal length of 250 or 1200 px instead of 500
 
@@ -49,6 +50,7 @@ class Variant:
     focal: float = 500.0
     outliers: str = "anywhere"
     depth: str = "deep"
+    relief: float = 0.02
     forward: bool = False
 
     @property
@@ -68,6 +70,7 @@ VARIANTS = {
     "points_500": replace(STANDARD, count=500),
     "points_1000": replace(STANDARD, count=1000),
     "plane": replace(STANDARD, depth="plane"),
+    "relief": replace(STANDARD, depth="plane", relief=0.1),
     "forward": replace(STANDARD, forward=True),
     "wide": replace(STANDARD, focal=250.0),
     "narrow": replace(STANDARD, focal=1200.0),
@@ -90,7 +93,7 @@ def seen_matches(
     rays = np.column_stack([left, np.ones(len(left))]) @ np.linalg.inv(K).T
     if variant.depth == "plane":
         slant = random.uniform(-0.4, 0.4, 2) * variant.focal / 500
-        depth = 6 / (1 + rays[:, :2] @ slant) * random.uniform(0.98, 1.02, len(left))
+        depth = 6 / (1 + rays[:, :2] @ slant) * random.uniform(1 - variant.relief, 1 + variant.relief, len(left))
     else:
         depth = random.uniform(3, 12, len(left))
     seen = (rays * depth[:, None] @ R.T + T) @ K.T

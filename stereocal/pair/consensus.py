@@ -55,6 +55,8 @@ from stereocal.pair.two_view_refinement import Refined, refine_model, signed_dis
 _LEAST_STACKS, _POLISH_ROUNDS = 8, 5
 # Samples of good matches among whose solutions another one is looked for, and by how much its entries differ.
 _RETRIES, _APART = 8, 0.1
+# Matches for a first glance at a model, and how many models are then scored on all.
+_PREVIEW, _FINALISTS = 64, 12
 # What the mixture is told of the width over which wrong matches lie.
 _NARROWER = 8.0
 Mask = NDArray[np.bool_]
@@ -77,6 +79,8 @@ class MinimalProblem:
         Such a matrix (3, 3) to a model that can be refined.
     behind : callable
         A model and weights to the number of good matches that it puts behind a camera, if that can be known.
+    twofold : bool
+        Whether matches of a plane, which have two solutions, are allowed.
     stack : int
         Draws made at once: with 40 % outliers about two of them are good.
     """
@@ -86,6 +90,7 @@ class MinimalProblem:
     to_pixels: Float
     model: Callable[[Float], TwoViewModel]
     behind: Callable[[TwoViewModel, Float], int]
+    twofold: bool
     stack: int
 
 
@@ -124,6 +129,9 @@ def best_model(
 ) -> tuple[int, float]:
     """Return which model has the best score on all matches, and that score.
 
+    Most models of a search are wrong, and a glance at a few matches shows it: where there are many, MSAC is summed over
+    all of them only for the models that are best on an evenly chosen part.
+
     Parameters
     ----------
     models : ndarray of shape (M, 9)
@@ -140,14 +148,22 @@ def best_model(
     score : float
         Pixels².
     """
+    preview = np.ascontiguousarray(points[:, :: max(points.shape[1] // _PREVIEW, 1)])
+    finalists = _FINALISTS if points.shape[1] >= 2 * _PREVIEW else len(models)
     if backend == "numpy":
-        errors = sampson_of_models(models, points)
-        values = np.median(errors, axis=1) if score == "lmeds" else np.minimum(errors, threshold**2).sum(axis=1)
+        if score == "lmeds":
+            values = np.median(sampson_of_models(models, points), axis=1)
+        else:
+            glance = np.minimum(sampson_of_models(models, preview), threshold**2).sum(axis=1)
+            values = np.minimum(sampson_of_models(models, points), threshold**2).sum(axis=1)
+            values[np.argsort(glance, kind="stable")[finalists:]] = np.inf
         winner = int(np.argmin(values))
         return winner, float(values[winner])
     from stereocal.pair.consensus_kernels import best_by_median, best_by_msac
 
-    return best_by_median(models, points) if score == "lmeds" else best_by_msac(models, points, threshold**2)
+    if score == "lmeds":
+        return best_by_median(models, points)
+    return best_by_msac(models, preview, points, finalists, threshold**2)
 
 
 def draw_samples(random: np.random.Generator, draws: int, size: int, count: int, *, backend: str = "numba") -> Indices:
@@ -244,7 +260,8 @@ def find_consensus(
         )
     answer = None
     if options.refines:
-        starts += _other_solutions(points, problem, options, best[2], random, extent)
+        if problem.twofold:
+            starts += _other_solutions(points, problem, options, best[2], random, extent)
         answer = mean_of_modes(starts, points, extent, problem.model, problem.behind, backend=options.backend)
     return Consensus(best[1], best[2], answer, done)
 

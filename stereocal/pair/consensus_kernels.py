@@ -1,8 +1,7 @@
 # mypy: allow-untyped-defs
 """The scores of many models on all matches, compiled: the twin of ``consensus``'s.
 
-A model whose sum is already above the best one's cannot win, and is left after the chunk in which that happens: most
-models of a robust search are wrong, and cost a tenth of the matches.
+A model whose sum is already above the best one's cannot win, and is left after the chunk in which that happens.
 
 Kernels take arrays and write into arrays; nothing is checked here.
 """
@@ -48,10 +47,19 @@ def distinct_indices(uniform, count, samples):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def best_by_msac(models, points, cap):
-    """Return which model has the least Σ min(e, cap), the first of equals, and that sum."""
+def best_by_msac(models, preview, points, finalists, cap):
+    """Return which model has the least Σ min(e, cap), the first of equals, and that sum.
+
+    Only as many as there are `finalists`, those with the least sums on the matches of `preview`, are scored on all.
+    """
     winner, best, count = -1, np.inf, points.shape[1]
-    for m in range(models.shape[0]):
+    chosen = np.arange(len(models))
+    if finalists < len(models):
+        sums = np.empty(len(models))
+        for m in range(len(models)):
+            sums[m] = capped_sum(models[m], preview, 0, preview.shape[1], cap)
+        chosen = np.sort(np.argsort(sums, kind="mergesort")[:finalists])
+    for m in chosen:
         total, start = 0.0, 0
         while start < count and total < best:
             stop = min(start + CHUNK, count)

@@ -254,6 +254,7 @@ def _problem(rays: Float, other: Float, inverse: Float, inverse_other: Float, ba
         to_pixels=np.asarray(np.kron(inverse_other, inverse), dtype=np.float64),
         model=lambda core: essential_model(core, inverse_other, inverse),
         behind=behind,
+        twofold=True,
         stack=_STACK,
     )
 

@@ -210,6 +210,7 @@ def _problem(left: Float, right: Float, backend: str) -> MinimalProblem:
         to_pixels=np.asarray(np.kron(T2, T1), dtype=np.float64),
         model=lambda core: fundamental_model(core, T2, T1),
         behind=lambda model, weights: 0,  # without camera matrices it cannot be known
+        twofold=False,
         stack=_STACK,
     )
 

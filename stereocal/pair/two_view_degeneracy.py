@@ -29,8 +29,10 @@ from stereocal.pair.epipolar import sampson_distance
 Mask = NDArray[np.bool_]
 # A homography, or a rotation, that explains the matches this nearly as well as F does leaves F to chance.
 _HOMOGRAPHY_FACTOR = _TURN_FACTOR = 3.0
-# Rounds of fitting the simpler model to the matches that are near it.
-_TRIMS = 4
+# Rounds of fitting the simpler model to the matches that are near it, and to about how many of them.
+_TRIMS, _ENOUGH = 4, 60
+# Where it is so many limits off, and by this share of the picture, in the median, there is no need to go on.
+_FAR_OFF, _FAR_SHARE = 5.0, 0.01
 # The two unknowns that it leaves open take in two wrong matches for nothing, and chance up to this share of the others.
 _TAKEN_IN, _BY_CHANCE = 2, 0.2
 # Below this, in pixels or radians, errors are those of arithmetic.
@@ -74,13 +76,19 @@ def refuse_homography(left: Float, right: Float, F: Float, *, outliers: int = 0)
     from stereocal.camera.homography import fit_homography
 
     def distances(kept: Mask, refine: bool = False) -> Float:
-        H = np.asarray(fit_homography(left[kept], right[kept], refine=refine))
+        chosen = np.flatnonzero(kept)
+        if not refine:  # to see whether it is worth while, some are enough
+            chosen = chosen[:: max(len(chosen) // _ENOUGH, 1)]
+        H = np.asarray(fit_homography(left[chosen], right[chosen], refine=refine))
         return np.asarray(np.linalg.norm(from_homogeneous(to_homogeneous(left) @ H.T) - right, axis=1))
 
     by_F = float(np.sqrt(np.mean(sampson_distance(left, right, F)))) if len(left) else 0.0
     limit = _HOMOGRAPHY_FACTOR * by_F + _EXACT_PIXELS
     try:
-        kept = _most_explained(distances, len(left), limit, outliers)
+        hopeless = max(_FAR_OFF * limit, _FAR_SHARE * float(np.linalg.norm(np.ptp(right, axis=0))))
+        kept = _most_explained(distances, len(left), hopeless, limit, outliers)
+        if not kept.any():
+            return
         by_plane = distances(kept, True)
     except (DegenerateGeometryError, InputError) as error:
         raise DegenerateGeometryError(
@@ -124,7 +132,10 @@ def refuse_turn(rays: Float, other: Float, squared_distances: Float, K: Float, *
 
     by_E = float(np.sqrt(np.mean(squared_distances))) if len(a) else 0.0
     limit = _TURN_FACTOR * by_E + _EXACT_RADIANS * focal
-    kept = _most_explained(distances, len(a), limit, outliers)
+    hopeless = max(_FAR_OFF * limit, _FAR_SHARE * focal)
+    kept = _most_explained(distances, len(a), hopeless, limit, outliers)
+    if not kept.any():
+        return
     by_turn = distances(kept)
     if _is_explained(by_turn, kept, limit, outliers):
         raise DegenerateGeometryError(
@@ -133,12 +144,18 @@ def refuse_turn(rays: Float, other: Float, squared_distances: Float, K: Float, *
         )
 
 
-def _most_explained(distances: Callable[[Mask], Float], count: int, limit: float, outliers: int) -> Mask:
-    """All matches; or, among outliers, those near the simpler model that most of them suggest."""
+def _most_explained(
+    distances: Callable[[Mask], Float], count: int, hopeless: float, limit: float, outliers: int
+) -> Mask:
+    """All matches; or, among outliers, those near the simpler model that most suggest, none if it is far off."""
     kept = np.ones(count, dtype=bool)
-    for _ in range(_TRIMS if outliers else 0):
+    for trim in range(_TRIMS if outliers else 1):
         off = distances(kept)
-        kept = off <= max(2.5 * 1.4826 * float(np.median(off)), 2 * limit)
+        middle = float(np.median(off))
+        if middle > hopeless and (trim > 1 or not outliers):
+            return np.zeros(count, dtype=bool)
+        if outliers:
+            kept = off <= max(2.5 * 1.4826 * middle, 2 * limit)
     return kept
 
 
