@@ -11,6 +11,7 @@
 ``grid``               grids from corners: links, then growth
 ``selection``          which part of a grid is the board, which corner is first
 ``detection``          the whole way from a picture to the board's corners
+``measuring``          the fit of a found board, and what stands in where it does not hold
 ``subpixel``           fit of a blurred saddle, covariance of each corner
 ``saddle_model``       the readable twin of that fit
 ``subpixel_geometry``  steps, bends and windows that the fit looks through

@@ -7,19 +7,18 @@ is tried, up to the image itself and its double (:mod:`stereocal.board.pyramid`)
 1. saddles of the brightness (:mod:`stereocal.board.saddle`) that pass the ring test (:mod:`stereocal.board.ring`);
 2. grids grown from them (:mod:`stereocal.board.grid`);
 3. the grid that is the board asked for, and the number of each corner (:mod:`stereocal.board.selection`);
-4. the blurred saddle fitted at full resolution (:mod:`stereocal.board.subpixel`), which is also the last test: the fits
-   have to converge near their places.
+4. the corners measured at full resolution (:mod:`stereocal.board.measuring`), which is also the last test.
+
+**Shadows.** Across the edge of a shadow a light square may be darker than a dark one in the sun, and no ring there
+shows four colours in turn. The levels are tried again on the logarithm of the picture, in which the shadow is a step
+that is added, and smaller than the one between the colours.
 
 **Parted squares.** Where glare, ink or a thin print has parted the squares that should touch, no level shows the board.
 Then the dark parts, or the light ones, are grown by a pixel or two, which closes the gap from both sides alike and
-leaves its middle where the corner was, and the levels are tried again. The photograph itself is no blurred saddle
-there, so if its fit fails, the saddle is fitted on the level whose gaps are closed. At the image's own resolution
-this costs more than all before, so it is done only where some level has seen a part of a grid: a scene without a board
-has none.
+leaves its middle where the corner was, and the levels are tried once more.
 
-**Corners that cannot be measured.** Where strong blur mixes a border corner's cut square with what lies beyond, the fit
-runs away, or ends a tenth of a square off. If it happens to few corners, these keep the saddle of the smoothed image,
-with the distance between the two as their uncertainty.
+These two searches would triple the time that a scene without a board takes. But such a scene shows no part of a grid
+either: without one the logarithm is left alone, and gaps are closed at the coarse levels only, where it costs little.
 """
 
 from __future__ import annotations
@@ -34,13 +33,16 @@ from stereocal.base.checks import Float
 from stereocal.base.gray import to_gray
 from stereocal.board.chessboard import Chessboard
 from stereocal.board.grid import grow_grids
-from stereocal.board.pyramid import closed_levels, levels
+from stereocal.board.measuring import (
+    confidence,
+    edge_width,
+    is_measured,
+    measure_corners,
+    measure_in_level,
+)
+from stereocal.board.pyramid import closed_levels, levels, logarithmic_levels
 from stereocal.board.saddle import saddle_candidates, saddle_response
 from stereocal.board.selection import choose_board, ordered_corners
-from stereocal.board.subpixel import SaddleFit, fit_corner_grid
-
-_MOST_LOST = 0.05  # of the corners, so many may keep the place the grid gave them
-_LEAST_MOVE, _UNUSUAL_MOVE = 0.05, 5.0  # a fit that moves a corner by more than both, in steps and in medians, is lost
 
 
 @dataclass(frozen=True)
@@ -159,10 +161,12 @@ def detect_chessboard_detailed(image: ArrayLike, board: Chessboard | tuple[int, 
     def part_of_a_grid_was_seen() -> bool:
         return best.stages.get("grid") is not None
 
-    for closed, search in (
+    searches = (
         (False, levels(gray, longest)),
+        (False, logarithmic_levels(gray, longest, part_of_a_grid_was_seen)),
         (True, closed_levels(gray, longest, part_of_a_grid_was_seen)),
-    ):
+    )
+    for closed, search in searches:
         for level, scale in search:
             attempt = _search_level(level, scale, gray, board, closed)
             if not attempt.found:
@@ -218,63 +222,14 @@ def _search_level(level: NDArray[Any], scale: float, gray: NDArray[Any], board: 
             continue
         in_level = ordered_corners(choice.grid, board)
         corners = scale * (in_level + 0.5) - 0.5
-        fit = fit_corner_grid(gray, corners)
-        problem = _judge(fit)
-        if problem is not None and closed:
-            # where squares are parted the picture is no blurred saddle; the level whose gaps are closed is one
-            fit = _scaled(fit_corner_grid(level, in_level), scale)
-            problem = _judge(fit)
-        if problem is None:
-            return _settled(fit, corners, stages)
-        reasons.append((problem, None))
+        fit = measure_corners(gray, corners)
+        if closed and not is_measured(fit):
+            fit = measure_in_level(level, in_level, scale)
+        if is_measured(fit):
+            width, sure = edge_width(fit), confidence(fit)
+            return Detection(True, fit.corners, fit.covariances, width, sure, None, "", stages)
+        lost = int(np.count_nonzero(~fit.converged))
+        reason = f"{lost} of the {len(fit.converged)} corners could not be measured; the picture may be blurred there"
+        reasons.append((reason, None))
         stages["fit"] = fit
     return Detection(False, other_size=reasons[0][1], message=reasons[0][0], stages=stages)
-
-
-def _scaled(fit: SaddleFit, scale: float) -> SaddleFit:
-    """A fit made in a level's pixels, in the image's."""
-    return SaddleFit(
-        scale * (fit.corners + 0.5) - 0.5,
-        scale**2 * fit.covariances,
-        scale * fit.edge_widths,
-        fit.contrasts,
-        fit.noise,
-        fit.converged,
-    )
-
-
-def _judge(fit: SaddleFit) -> str | None:
-    """Why the fitted corners are not a board's, or None."""
-    lost = int(np.count_nonzero(~fit.converged))
-    if lost > _MOST_LOST * len(fit.converged):
-        return f"{lost} of the {len(fit.converged)} corners could not be measured; the picture may be blurred there"
-    return None
-
-
-def _settled(fit: SaddleFit, corners: Float, stages: dict[str, Any]) -> Detection:
-    """The board found. A corner whose fit was lost, or ran further than the others', keeps the grid's place.
-
-    Its covariance is half the square of how far the two differ, in each direction.
-    """
-    given = corners.reshape(-1, 2)
-    steps = np.hypot(*np.moveaxis(np.diff(corners, axis=1), -1, 0)).min()
-    moved = np.hypot(*(fit.corners - given).T)
-    known = fit.converged
-    lost = ~known | (moved > max(_LEAST_MOVE * steps, _UNUSUAL_MOVE * float(np.median(moved[known]))))
-    distance = np.where(known, moved, _LEAST_MOVE * steps)
-    return Detection(
-        True,
-        np.where(lost[:, None], given, fit.corners),
-        np.where(lost[:, None, None], (distance**2)[:, None, None] / 2 * np.eye(2), fit.covariances),
-        float(np.median(fit.edge_widths[known])),
-        _confidence(fit, known),
-        None,
-        "",
-        stages,
-    )
-
-
-def _confidence(fit: SaddleFit, known: NDArray[np.bool_]) -> float:
-    """Share of the contrast that the model explains, in the median corner: 1 - (noise / half contrast)^2."""
-    unexplained = (2 * fit.noise[known] / fit.contrasts[known]) ** 2
-    return float(np.clip(1 - np.median(unexplained), 0, 1))

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 SMALLEST_LEVEL = 200
 """The longest side of the coarsest level is at least this, px."""
-LARGEST_CLOSED = 1.3e6
-"""Gaps are closed in images of up to this many pixels."""
+LARGEST_AGAIN = 1.3e6
+"""Levels of up to this many pixels are searched again, as logarithms and with their gaps closed."""
 
 
 def halved(gray: NDArray[Any], smallest: int, least_side: int) -> list[tuple[NDArray[Any], float]]:
@@ -38,6 +38,25 @@ def levels(gray: NDArray[Any], most_corners: int) -> Iterator[tuple[NDArray[Any]
         yield fine, 0.5
 
 
+def logarithm(gray: NDArray[Any]) -> NDArray[np.float32]:
+    """log(1 + I/2), scaled to 0..255: a shadow becomes a step that is added, and no longer hides the squares' colours.
+
+    The 2 grey levels keep the noise of what is black from being stretched.
+    """
+    top = np.float32(255 / np.log1p(255 / 2))
+    return np.asarray(top * np.log1p(np.float32(0.5) * np.maximum(gray, 0).astype(np.float32)), np.float32)
+
+
+def logarithmic_levels(
+    gray: NDArray[Any], most_corners: int, worth_it: Callable[[], bool]
+) -> Iterator[tuple[NDArray[Any], float]]:
+    """The logarithms of the levels, coarse to fine, if `worth_it` says so."""
+    if worth_it():
+        for level, scale in levels(gray, most_corners):
+            if level.size <= LARGEST_AGAIN:
+                yield logarithm(level), scale
+
+
 def closed_levels(
     gray: NDArray[Any], most_corners: int, worth_it: Callable[[], bool]
 ) -> Iterator[tuple[NDArray[Any], float]]:
@@ -48,7 +67,7 @@ def closed_levels(
     from stereocal.board.pyramid_kernels import spread_darkest
 
     for level, scale in reversed(halved(gray, SMALLEST_LEVEL // 2, 6 * most_corners)):
-        if level.size > LARGEST_CLOSED or (scale == 1 and not worth_it()):
+        if level.size > LARGEST_AGAIN or (scale == 1 and not worth_it()):
             break
         for tone in (1, -1):
             grown = level

@@ -49,7 +49,7 @@ def test_a_corner_that_fades_is_found_and_a_covered_one_is_not(at):
     faded = np.clip(image * (1 - 0.8 * spot) + 180 * spot, 0, 255).astype(np.uint8)
     corners = sc.detect_chessboard(faded, (7, 6))
     assert corners is not None
-    assert np.abs(corners - truth).max() < 0.7
+    assert np.abs(corners - truth).max() < 2.0  # a tenth of a step: the spot's own slope moves the corner
     cv2.circle(faded, tuple(int(v) for v in truth[at]), 20, 180, -1)
     assert sc.detect_chessboard(faded, (7, 6)) is None
 
