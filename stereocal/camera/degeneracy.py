@@ -115,7 +115,9 @@ def _refuse_parallel(
     chi2 = slopes_chi2(n, np.asarray(variance * equations.V_inverse[:, :3, :3]))
     from scipy.special import chdtri
 
-    if spread > _PARALLEL and chi2 > chdtri(2 * (count - 1) + bundle.G.shape[1], _SIGNIFICANCE):
+    # a focal length that ran away says nothing about angles; their ratio to their uncertainty still does
+    flat = spread <= _PARALLEL and 1 / scale < _LONGEST
+    if not flat and chi2 > chdtri(2 * (count - 1) + bundle.G.shape[1], _SIGNIFICANCE):
         return
     raise DegenerateGeometryError(
         f"the boards of all {count} views are parallel as far as their corners can tell, which leaves the focal length "
