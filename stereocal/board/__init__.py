@@ -15,6 +15,7 @@
 ``subpixel``           fit of a blurred saddle, covariance of each corner
 ``saddle_model``       the readable twin of that fit
 ``subpixel_geometry``  steps, bends and windows that the fit looks through
+``subpixel_masks``     corners in shadows, under fingers and ink: the pixels that can be explained
 ``corner_errors``      how far the covariances can be trusted, judged by the grid
 ``printing``           a target to print, true to scale
 ``*_kernels``          the Numba kernels beside them

@@ -54,6 +54,7 @@ from stereocal.base.gray import to_gray
 from stereocal.board.chessboard import Chessboard, as_inner_corners
 from stereocal.board.corner_errors import judge_corners
 from stereocal.board.subpixel_geometry import grid_steps, light_slopes
+from stereocal.board.subpixel_masks import FitInputs, fit_suspects
 
 HALF_WINDOW = 0.52
 """Half side of the window in steps of the grid."""
@@ -86,7 +87,8 @@ class SaddleFit:
         Standard deviation of the residuals, grey levels.
     converged : ndarray of shape (N,), bool
     strays : ndarray of shape (N,), bool
-        Corners that stand where their neighbours do not see them; their covariances say so.
+        Corners that stand where their neighbours do not see them, or whose picture is not a corner's alone; their
+        covariances say so.
     """
 
     corners: Float
@@ -129,9 +131,23 @@ def fit_corner_grid(
     else:
         width = np.full(n, blur)
     half = _window(np.maximum(FIRST_HALF_WINDOW, 11.0 / shortest), HALF_WINDOW, length)
-    zero = np.zeros((n, 2))
+    zero, all_pixels = np.zeros((n, 2)), np.zeros(n)
     fit_saddles(
-        gray, given, steps, zero, half, 2 * width + 2, np.zeros((n, 5)), width, True, 2e-2, 12, theta, covariance, info
+        gray,
+        given,
+        steps,
+        zero,
+        half,
+        2 * width + 2,
+        np.zeros((n, 5)),
+        width,
+        True,
+        2e-2,
+        12,
+        all_pixels,
+        theta,
+        covariance,
+        info,
     )
     # A corner that ran away keeps its place: its neighbours still need it.
     near = np.hypot(*(theta[:, :2] - given).T) < 0.35 * shortest
@@ -144,15 +160,19 @@ def fit_corner_grid(
     half = _window(np.full(n, half_window), half_window, np.hypot(steps[:, ::2], steps[:, 1::2]))
     light = light_slopes(np.stack([theta[:, 5], np.abs(theta[:, 6])], -1).reshape(*shape, 2)).reshape(-1, 5)
     band = 2 * theta[:, 4] + 1
-    fit_saddles(gray, points, steps, bends, half, band, light, width, False, 2e-3, 15, theta, covariance, info)
+    fit_saddles(
+        gray, points, steps, bends, half, band, light, width, False, 2e-3, 15, all_pixels, theta, covariance, info
+    )
     late = np.nonzero(info[:, 2] == 0)[0]
     if late.size:  # where the picture is not the model's (overexposed, in a shadow's edge) the way may be long
         again = [np.ascontiguousarray(a[late]) for a in (points, steps, bends, half, band, light, width)]
         results = [theta[late], covariance[late], info[late]]
-        fit_saddles(gray, *again, False, 2e-3, 100, *results)
+        fit_saddles(gray, *again, False, 2e-3, 100, all_pixels[late], *results)
         theta[late], covariance[late], info[late] = results
+    inputs = FitInputs(points, steps, bends, half, band, light, width)
+    doubtful = fit_suspects(gray, (shape[0], shape[1]), inputs, (theta, covariance, info))
     converged = (info[:, 2] > 0) & (np.hypot(*(theta[:, :2] - given).T) < 0.35 * shortest)
-    return _with_honest_covariances(theta, covariance, info, converged, shape, float(np.median(half)))
+    return _with_honest_covariances((theta, covariance, info), converged, doubtful, shape, float(np.median(half)))
 
 
 def _calm(theta: Float, near: NDArray[np.bool_]) -> None:
@@ -176,13 +196,22 @@ def _half_window(covariance: Float, half: Float, s: Float, shortest: Float) -> f
 
 
 def _with_honest_covariances(
-    theta: Float, covariance: Float, info: Float, converged: NDArray[np.bool_], shape: tuple[int, ...], half: float
+    results: tuple[Float, Float, Float],
+    converged: NDArray[np.bool_],
+    doubtful: NDArray[np.bool_],
+    shape: tuple[int, ...],
+    half: float,
 ) -> SaddleFit:
     """The fits' own covariances, corrected by what the neighbours say."""
+    theta, covariance, info = results
     corners = theta[:, :2].copy()
-    own = np.where(converged[:, None, None], covariance, np.nan)
-    shared = max(0.0, 1 - 0.5 / half)
-    judged = judge_corners(np.where(np.isfinite(corners), corners, 0.0), own, (shape[0], shape[1]), correlation=shared)
+    judged = judge_corners(
+        np.where(np.isfinite(corners), corners, 0.0),
+        np.where(converged[:, None, None], covariance, np.nan),
+        (shape[0], shape[1]),
+        correlation=max(0.0, 1 - 0.5 / half),
+        doubtful=doubtful,
+    )
     stray = np.sum(judged.distances**2, axis=1) / 2
     return SaddleFit(
         corners,

@@ -70,6 +70,17 @@ def _gather(image, cx, cy, step, geometry, half, band, light, px, py, grey):
     return count
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def _keep_explained(m, px, py, grey, residual, limit):
+    """Move the pixels whose residual is at most `limit` to the front; returns how many."""
+    count = 0
+    for i in range(m):
+        if abs(residual[i]) <= limit:
+            px[count], py[count], grey[count] = px[i], py[i], grey[i]
+            count += 1
+    return count
+
+
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
 def _dot(a, b, m):
     total = 0.0
@@ -202,14 +213,16 @@ def _start(m, px, py, grey, geometry, theta, scratch, J, residual):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fit_saddles(
-    image, corners, steps, bends, half, band, light, blur, cold, tolerance, iterations, theta, covariance, info
+    image, corners, steps, bends, half, band, light, blur, cold, tolerance, iterations, limit, theta, covariance, info
 ):
     """Fit I = a + b erf(u/s) erf(v/s) around each corner by Levenberg-Marquardt.
 
     corners (n, 2); steps (n, 4): the steps along i and along j; bends (n, 2): how far each line bends away from its
     tangent, second difference times normal; half, band (n,): half window in steps, half width of the bands along the
     lines in pixels; light (n, 5): see _gather; blur (n,): start of s, if `cold`; else lines, s and levels start from
-    theta. Writes theta (n, 7), covariance (n, 2, 2) of (cx, cy), info (n, 4): residual variance, pixels, converged, 0.
+    theta. limit (n,): where positive, the corner starts from theta too, and pixels whose residual at the start is
+    larger are left out. Writes theta (n, 7), covariance (n, 2, 2) of (cx, cy), info (n, 4): residual variance, pixels,
+    converged, 0.
     """
     capacity = 4
     for n in range(corners.shape[0]):
@@ -236,7 +249,17 @@ def fit_saddles(
         if m < 16:
             t[:] = np.nan
             continue
-        t[0] = t[1] = 0.0
+        if cold or limit[n] <= 0:
+            t[0] = t[1] = 0.0
+        else:
+            t[0] -= corners[n, 0]
+            t[1] -= corners[n, 1]
+            _model(m, px, py, grey, geometry, t, scratch, J, residual)
+            m = _keep_explained(m, px, py, grey, residual, limit[n])
+            info[n, 1] = m
+            if m < 16:
+                t[:] = np.nan
+                continue
         if cold:
             t[2], t[3], t[4] = np.arctan2(iy, ix), np.arctan2(jy, jx), blur[n]
             _start(m, px, py, grey, geometry, t, scratch, J, residual)

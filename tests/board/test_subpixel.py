@@ -73,6 +73,7 @@ def test_kernel_is_the_reference(seed, start):
         True,
         1e-5,
         50,
+        np.zeros(1),
         theta,
         covariance,
         info,
@@ -152,3 +153,37 @@ def test_blur_is_measured():
 def test_number_of_corners_is_checked():
     with pytest.raises(sc.InputError, match="35"):
         sc.refine_corners(np.zeros((50, 50), np.uint8), np.zeros((34, 2)), BOARD)
+
+
+def disturbed(kind, seed):
+    """A render with the edge of a shadow, a finger or strokes of ink over the board, as (image, true corners)."""
+    image, truth = render(BOARD, seed=seed, tilt=25, turn=31 * seed, blur=0.8, noise=0.0, vignetting=0.0)
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[: image.shape[0], : image.shape[1]]
+    middle, a = truth.mean(axis=0), rng.uniform(0, 2 * np.pi)
+    along = (x - middle[0]) * np.cos(a) + (y - middle[1]) * np.sin(a)
+    across = (y - middle[1]) * np.cos(a) - (x - middle[0]) * np.sin(a)
+    light = image.astype(np.float64)
+    if kind == "shadow":
+        light *= np.where(along > 3, 1.0, 0.45)
+    elif kind == "finger":
+        light = np.where((np.abs(across) < 4) & (along < 2), 150.0, light)
+    else:
+        for cx, cy in truth[rng.integers(0, len(truth), 6)] + rng.normal(0, 4, (6, 2)):
+            light[int(cy) : int(cy) + 2, int(cx) : int(cx) + 6] = rng.choice([30, 130, 230])
+    return np.clip(np.rint(light + rng.normal(0, 2, light.shape)), 0, 255).astype(np.uint8), truth
+
+
+@pytest.mark.parametrize("kind", ["shadow", "finger", "ink"])
+def test_shadows_fingers_and_ink_are_masked_or_owned_up_to(kind):
+    e, claimed = [], []
+    for seed in range(6):
+        image, truth = disturbed(kind, seed)
+        fit = fit_corner_grid(image, (truth + 0.3).reshape(BOARD.rows, BOARD.columns, 2))
+        e.append(np.hypot(*(fit.corners - truth).T))
+        claimed.append(np.sqrt(np.trace(fit.covariances, axis1=1, axis2=2)))
+    e, claimed = np.concatenate(e), np.concatenate(claimed)
+    assert np.median(e) < 0.03
+    assert np.percentile(e, 95) < 0.25
+    # what is far off says so
+    assert (e < np.maximum(6 * claimed, 0.1)).mean() > 0.99
