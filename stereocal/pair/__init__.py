@@ -6,6 +6,9 @@
 ``stereo_inputs``           what the user passes to it, sorted by camera
 ``corner_order``            one corner order for both pictures of a pair
 ``diagnosis``               what is wrong with a set of pairs: flips, mispairing, late shutters, knocks, bends
+``findings``                one thing that is wrong: what a diagnosis is made of
+``view_pairing``            which right view belongs to each left one, and how its corners are counted
+``rig_motion``              views that see different rigs: knocks, late shutters, single views gone wrong
 ``view_rigs``               the rig as each view sees it, and its deviation from the rig of all
 ``board_heights``           the board's shape from what its corners leave over
 ``epipolar``                epipolar lines and distances, the nearest pair that satisfies F
