@@ -133,24 +133,19 @@ def _run_kernel(interpolation: str, samples: Image, mx: Image, my: Image, border
 
     whole = samples.dtype.kind == "u"
     magic = np.float32(1.5 * 2**23 if whole else 0)
+    channels = (0,) * samples.shape[2]
     if interpolation == "nearest":
-        kernels.remap_nearest(samples, mx, my, border.astype(samples.dtype), out)
-    elif interpolation == "bilinear" and samples.shape[2] == 3:
-        kernels.remap_bilinear_colour(samples, mx, my, border, magic, out)
+        kernels.remap_nearest(samples, mx, my, border.astype(samples.dtype), channels, out)
+    elif interpolation == "bilinear":
+        kernels.remap_bilinear(samples, mx, my, border, magic, channels, out)
     else:
-        top = np.float32(np.iinfo(samples.dtype).max if whole else np.inf)
-        low = np.float32(0 if whole else -np.inf)
-        for c in range(samples.shape[2]):
-            single = samples.shape[2] == 1
-            source = samples if single else np.ascontiguousarray(samples[:, :, c : c + 1])
-            plane = out if single else np.empty((*mx.shape, 1), samples.dtype)
-            if interpolation == "bilinear":
-                kernels.remap_bilinear_grey(source, mx, my, border[c : c + 1], magic, plane)
-            else:
-                sharpness = np.float32(SHARPNESS)
-                kernels.remap_bicubic_grey(source, mx, my, sharpness, border[c : c + 1], low, top, magic, plane)
-            if not single:
-                out[:, :, c] = plane[:, :, 0]
+        low, top = np.float32(0 if whole else -np.inf), np.float32(np.iinfo(samples.dtype).max if whole else np.inf)
+        sharpness = np.float32(SHARPNESS)
+        for c in range(samples.shape[2]):  # sixteen samples a pixel: plane by plane they fit into vectors best
+            source = np.ascontiguousarray(samples[:, :, c : c + 1])
+            plane = np.empty((*mx.shape, 1), samples.dtype) if samples.shape[2] > 1 else out
+            kernels.remap_bicubic_grey(source, mx, my, sharpness, border[c : c + 1], low, top, magic, plane)
+            out[:, :, c] = plane[:, :, 0]
 
 
 def _border_samples(border_value: float | ArrayLike, samples: Image) -> Image:

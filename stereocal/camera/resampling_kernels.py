@@ -43,25 +43,28 @@ def _fma(typingctx, a, b, c):
 
 
 @intrinsic(prefer_literal=True)
-def _copy(typingctx, count, target, to, source, at):
-    """target[to : to + count] = source[at : at + count], as one unaligned vector; `count` is a literal."""
-    if not isinstance(count, types.IntegerLiteral):
+def _copy(typingctx, pixels, channels, target, to, source, at):
+    """Copy `pixels` (a literal) neighbouring pixels from source[at] to target[to], as one unaligned vector.
+
+    `channels` is a tuple with an entry for each channel, so that the vector's length is known when this is compiled.
+    """
+    if not isinstance(pixels, types.IntegerLiteral):
         return None
+    count = pixels.literal_value * len(channels)
 
     def codegen(context, builder, signature, args):
-        word = context.get_data_type(signature.args[1].dtype)
-        words = ir.VectorType(word, signature.args[0].literal_value)
+        words = ir.VectorType(context.get_data_type(signature.args[2].dtype), count)
 
         def pointer(position):
             array = context.make_array(signature.args[position])(context, builder, args[position])
             return builder.bitcast(builder.gep(array.data, [args[position + 1]]), words.as_pointer())
 
-        value = builder.load(pointer(3))
+        value = builder.load(pointer(4))
         value.align = 1
-        builder.store(value, pointer(1)).align = 1
+        builder.store(value, pointer(2)).align = 1
         return context.get_dummy_value()
 
-    return types.void(count, target, to, source, at), codegen
+    return types.void(pixels, channels, target, to, source, at), codegen
 
 
 @intrinsic
@@ -84,14 +87,16 @@ def _prefetch(typingctx, source, at):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _prefetch_row(samples, line_x, line_y, width, height, channels, reach):
-    """Ask for what a row of the output will read: every 16th pixel's own line and the one `reach` rows below."""
+    """Ask for what a row of the output will read: a pixel's own line of 64 bytes and the one `reach` rows below."""
     zero, last_x, last_y = np.float32(0), np.float32(width - 1), np.float32(height - 1)
-    for j in range(0, len(line_x), 16):
+    step = min(16, 64 // (samples.itemsize * channels))
+    for j in range(0, len(line_x), step):
         x, y = line_x[j], line_y[j]
         within = (x >= zero) & (y >= zero) & (x <= last_x) & (y <= last_y)
         at = (int(y if within else zero) * width + int(x if within else zero)) * channels
         _prefetch(samples, at)
-        _prefetch(samples, at + reach * width * channels)
+        if reach > 0:
+            _prefetch(samples, at + reach * width * channels)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -132,102 +137,69 @@ def _blend_at_border(image, x, y, c, border_value):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def remap_bilinear_grey(image, map_x, map_y, border_value, magic, out):
-    """Bilinear resampling of an (H, W, 1) image into (h, w, 1)."""
-    height, width = image.shape[0], image.shape[1]
+def remap_bilinear(image, map_x, map_y, border_value, magic, channels, out):
+    """Bilinear resampling of an (H, W, C) image into (h, w, C); `channels` is a tuple of length C."""
+    height, width, size = image.shape[0], image.shape[1], len(channels)
     columns = out.shape[1]
     samples = image.reshape(-1)
     a, b = np.empty(columns, np.float32), np.empty(columns, np.float32)
     offset, outside = np.empty(columns, np.int32), np.empty(columns, np.int64)
-    upper, lower = np.empty(2 * columns, image.dtype), np.empty(2 * columns, image.dtype)
+    upper, lower = np.empty(2 * size * columns, image.dtype), np.empty(2 * size * columns, image.dtype)
     for i in range(out.shape[0]):
-        _locate_row(map_x[i], map_y[i], width, height, 1, a, b, offset)
+        _locate_row(map_x[i], map_y[i], width, height, size, a, b, offset)
         if i + 1 < out.shape[0]:
-            _prefetch_row(samples, map_x[i + 1], map_y[i + 1], width, height, 1, 1)
+            _prefetch_row(samples, map_x[i + 1], map_y[i + 1], width, height, size, 1)
         count = 0
         for j in range(columns):
             at = offset[j]
             if at >= 0:
-                _copy(2, upper, 2 * j, samples, at)
-                _copy(2, lower, 2 * j, samples, at + width)
+                _copy(2, channels, upper, 2 * size * j, samples, at)
+                _copy(2, channels, lower, 2 * size * j, samples, at + width * size)
             else:
                 outside[count] = j
                 count += 1
         row = out[i].reshape(-1)
         for j in range(columns):
-            p, q = np.float32(upper[2 * j]), np.float32(lower[2 * j])
-            t = _fma(a[j], np.float32(upper[2 * j + 1]) - p, p)
-            u = _fma(a[j], np.float32(lower[2 * j + 1]) - q, q)
-            row[j] = (_fma(b[j], u - t, t) + magic) - magic
+            for c in range(size):
+                here = 2 * size * j + c
+                p, q = np.float32(upper[here]), np.float32(lower[here])
+                t = _fma(a[j], np.float32(upper[here + size]) - p, p)
+                u = _fma(a[j], np.float32(lower[here + size]) - q, q)
+                row[size * j + c] = (_fma(b[j], u - t, t) + magic) - magic
         for n in range(count):
             j = outside[n]
-            row[j] = (_blend_at_border(image, map_x[i, j], map_y[i, j], 0, border_value[0]) + magic) - magic
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def remap_bilinear_colour(image, map_x, map_y, border_value, magic, out):
-    """Bilinear resampling of an (H, W, 3) image into (h, w, 3)."""
-    height, width = image.shape[0], image.shape[1]
-    columns = out.shape[1]
-    samples = image.reshape(-1)
-    a, b = np.empty(columns, np.float32), np.empty(columns, np.float32)
-    offset, outside = np.empty(columns, np.int32), np.empty(columns, np.int64)
-    upper, lower = np.empty(6 * columns, image.dtype), np.empty(6 * columns, image.dtype)
-    for i in range(out.shape[0]):
-        _locate_row(map_x[i], map_y[i], width, height, 3, a, b, offset)
-        if i + 1 < out.shape[0]:
-            _prefetch_row(samples, map_x[i + 1], map_y[i + 1], width, height, 3, 1)
-        count = 0
-        for j in range(columns):
-            at = offset[j]
-            if at >= 0:
-                _copy(6, upper, 6 * j, samples, at)
-                _copy(6, lower, 6 * j, samples, at + 3 * width)
-            else:
-                outside[count] = j
-                count += 1
-        row = out[i].reshape(-1)
-        for j in range(columns):
-            for c in range(3):
-                p, q = np.float32(upper[6 * j + c]), np.float32(lower[6 * j + c])
-                t = _fma(a[j], np.float32(upper[6 * j + 3 + c]) - p, p)
-                u = _fma(a[j], np.float32(lower[6 * j + 3 + c]) - q, q)
-                row[3 * j + c] = (_fma(b[j], u - t, t) + magic) - magic
-        for n in range(count):
-            j = outside[n]
-            for c in range(3):
+            for c in range(size):
                 value = _blend_at_border(image, map_x[i, j], map_y[i, j], c, border_value[c])
-                row[3 * j + c] = (value + magic) - magic
+                row[size * j + c] = (value + magic) - magic
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def remap_nearest(image, map_x, map_y, border_value, out):
-    """The sample at the rounded place (ties to even), for any number of channels."""
-    height, width, channels = image.shape
+def remap_nearest(image, map_x, map_y, border_value, channels, out):
+    """The sample at the rounded place (ties to even); `channels` is a tuple of length C."""
+    height, width, size = image.shape[0], image.shape[1], len(channels)
     columns = out.shape[1]
     samples = image.reshape(-1)
     offset = np.empty(columns, np.int32)
     magic, zero = np.float32(1.5 * 2**23), np.float32(0)
     last_x, last_y = np.float32(width - 1), np.float32(height - 1)
+    row_step, pixel_step = np.int32(width * size), np.int32(size)
     for i in range(out.shape[0]):
         line_x, line_y = map_x[i], map_y[i]
         for j in range(columns):
             x, y = (line_x[j] + magic) - magic, (line_y[j] + magic) - magic
             within = (x >= zero) & (y >= zero) & (x <= last_x) & (y <= last_y)
-            place = np.int32(y if within else zero) * np.int32(width) + np.int32(x if within else zero)
+            place = np.int32(y if within else zero) * row_step + np.int32(x if within else zero) * pixel_step
             offset[j] = place if within else np.int32(-1)
         if i + 1 < out.shape[0]:
-            _prefetch_row(samples, map_x[i + 1], map_y[i + 1], width, height, channels, 0)
+            _prefetch_row(samples, map_x[i + 1], map_y[i + 1], width, height, size, 0)
         row = out[i].reshape(-1)
-        if channels == 1:
-            for j in range(columns):
-                at = offset[j]
-                row[j] = samples[at] if at >= 0 else border_value[0]
-        else:
-            for j in range(columns):
-                at = offset[j]
-                for c in range(channels):
-                    row[j * channels + c] = samples[at * channels + c] if at >= 0 else border_value[c]
+        for j in range(columns):
+            at = offset[j]
+            if at >= 0:
+                _copy(1, channels, row, size * j, samples, at)
+            else:
+                for c in range(size):
+                    row[size * j + c] = border_value[c]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -292,7 +264,7 @@ def remap_bicubic_grey(image, map_x, map_y, sharpness, border_value, lowest, hig
             at = offset[j]
             if at >= 0:
                 for m in range(4):
-                    _copy(4, taps[m], 4 * j, samples, at + m * width)
+                    _copy(4, (0,), taps[m], 4 * j, samples, at + m * width)
             else:
                 outside[count] = j
                 count += 1
