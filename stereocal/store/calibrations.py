@@ -259,7 +259,9 @@ def convert_calibration(
     if record.extra and name != "stereocal":
         left_out = sorted(set(record.extra) - set(module.EXTRA))
         if left_out:
-            sentences.append(f"{FORMATS[name].title} has no place for: {', '.join(left_out)}.")
+            words = [f"{key} (beyond K and dist)" if key in ("left", "right", "camera") else key for key in left_out]
+            title = FORMATS[name].title
+            sentences.append(f"{title[0].upper()}{title[1:]} has no place for: {', '.join(words)}.")
     module.write(record, Path(target))
     return sentences
 

@@ -19,13 +19,14 @@ from __future__ import annotations
 import numpy as np
 
 from stereocal.base.checks import Float
+from stereocal.base.errors import StereocalError
 from stereocal.base.least_squares import central_differences, minimize_least_squares
 from stereocal.base.rotations import rotation_matrix, rotation_vector
 from stereocal.camera.model import Camera
 from stereocal.camera.pose import estimate_poses
 from stereocal.pair.rig import StereoRig
 from stereocal.pair.stereo_calibration import calibrate_stereo
-from stereocal.verify.comparison import StepComparison
+from stereocal.verify.comparison import StepComparison, not_compared
 from stereocal.verify.crosscheck_points import Corners, projection_difference, rms
 
 FAR = 5.0
@@ -54,8 +55,6 @@ def judge_given(
     -------
     StepComparison
     """
-    poses = [_pose_in_rig(object_points, left, right, rig) for left, right in zip(*views, strict=True)]
-    error = rms(_rig_residuals(object_points, poses, rig, views))
     same_model = rig.left.model == rig.right.model
     best = calibrate_stereo(
         object_points,
@@ -66,15 +65,23 @@ def judge_given(
         right=None if same_model else rig.right,
         right_image_size=rig.right.image_size,
     )
+    poses, error = _fitted(object_points, views, rig)
+    if poses is None:
+        cause = _cause(object_points, views, rig, best.rig, np.inf) or " It is of other cameras, or of another board."
+        finding = f"{note}its cameras cannot have seen these corners, whatever the boards' poses.{cause}"
+        return not_compared("the given calibration", finding)
     excess = error - best.rms
     cosine = _gradient_cosine(object_points, poses, rig, views)
-    pixels = max(projection_difference(rig.left, best.rig.left), projection_difference(rig.right, best.rig.right))
+    both = ((rig.left, best.rig.left, views[0]), (rig.right, best.rig.right, views[1]))
+    pixels = max(projection_difference(a, b) for a, b, _ in both)
+    at_corners = max(projection_difference(a, b, np.concatenate(corners)) for a, b, corners in both)
     given_points, best_points = (_triangulated(each, views) for each in (rig, best.rig))
     shift = np.linalg.norm(given_points - best_points, axis=1)
     finding = (
         f"{note}RMS {error:.5f} px, the optimum's {best.rms:.5f}; largest |cos| of gradient and residual {cosine:.1e}; "
-        f"its cameras draw up to {pixels:.2g} px apart from the optimum's over the image; corners in space differ by "
-        f"{np.median(shift):.2g} {unit} (median), {shift.max():.2g} at most."
+        f"its cameras draw up to {at_corners:.2g} px apart from the optimum's where the corners are, {pixels:.2g} px "
+        f"over the whole image; corners in space differ by {np.median(shift):.2g} {unit} (median), {shift.max():.2g} "
+        "at most."
     )
     if excess <= 1e-4:
         finding += " It is at the optimum of these corners."
@@ -83,7 +90,8 @@ def judge_given(
         finding += (
             cause or " It is not at an optimum of these corners: other corners, other settings, or an early stop."
         )
-    figures = {"given_rms_px": error, "optimum_rms_px": best.rms, "gradient_cosine": cosine, "cameras_apart_px": pixels}
+    figures = {"given_rms_px": error, "optimum_rms_px": best.rms, "gradient_cosine": cosine}
+    figures |= {"cameras_apart_px": pixels, "cameras_apart_at_corners_px": at_corners}
     figures |= {"median_shift": float(np.median(shift)), "largest_shift": float(shift.max())}
     nearer = "equal" if excess <= 1e-4 else "stereocal"
     source = "1e-4 px: beyond it the solver, the corners or the model were others"
@@ -92,18 +100,25 @@ def judge_given(
 
 def _cause(X: Float, views: tuple[Corners, Corners], rig: StereoRig, best: StereoRig, error: float) -> str:
     """A sentence if exchanged sides or another unit explain the error."""
+    views = (views[0][:8], views[1][:8])  # so gross an error shows in a few pairs
     scale = best.baseline / rig.baseline
     in_unit = StereoRig(rig.left, rig.right, rig.R, rig.T * scale)
     exchanged = StereoRig(rig.right, rig.left, rig.R.T, -rig.R.T @ rig.T * scale)
-    errors = []
-    for other in (in_unit, exchanged):
-        poses = [_pose_in_rig(X, left, right, other) for left, right in zip(*views, strict=True)]
-        errors.append(rms(_rig_residuals(X, poses, other, views)))
+    errors = [_fitted(X, views, other)[1] for other in (in_unit, exchanged)]
     if errors[1] < min(errors[0], error) / 2:
         return f" With left and right exchanged it would be {errors[1]:.3f} px: cameras or photographs are swapped."
     if errors[0] < error / 2 and not 0.5 < scale < 2:
         return f" With T {scale:.4g} times as long it would be {errors[0]:.3f} px: its lengths are in another unit."
     return ""
+
+
+def _fitted(X: Float, views: tuple[Corners, Corners], rig: StereoRig) -> tuple[list[Float] | None, float]:
+    """The boards' poses that fit a rig best, and the RMS; None and infinity if it cannot have seen the corners."""
+    try:
+        poses = [_pose_in_rig(X, left, right, rig) for left, right in zip(*views, strict=True)]
+    except StereocalError:  # a lens that folds, a board behind the camera: no pose to begin from
+        return None, np.inf
+    return poses, rms(_rig_residuals(X, poses, rig, views))
 
 
 def _rig_residuals(X: Float, poses: list[Float], rig: StereoRig, views: tuple[Corners, Corners]) -> Float:
@@ -124,7 +139,11 @@ def _pair_residuals(X: Float, pose: Float, rig: StereoRig, left: Float, right: F
 def _pose_in_rig(X: Float, left: Float, right: Float, rig: StereoRig) -> Float:
     rvecs, tvecs = estimate_poses(X, [left], rig.left)
     start = np.concatenate([rvecs[0], tvecs[0]])
-    return minimize_least_squares(lambda p: _pair_residuals(X, p, rig, left, right).ravel(), start).x
+
+    def residuals(pose: Float) -> Float:
+        return _pair_residuals(X, pose, rig, left, right).ravel()
+
+    return minimize_least_squares(residuals, start, max_iterations=40).x
 
 
 def _gradient_cosine(X: Float, poses: list[Float], rig: StereoRig, views: tuple[Corners, Corners]) -> float:

@@ -126,10 +126,10 @@ def _counts_from_the_other_end(corners: Float, reference: Float) -> bool:
     return bool(turned < as_is)
 
 
-def _held_out_errors(object_points: Float, views: Corners, size: tuple[int, int], folds: int = 4) -> Float:
+def _held_out_errors(object_points: Float, views: Corners, size: tuple[int, int]) -> Float:
     """Mean squared error of each view by a calibration that it took no part in: only its pose is fitted."""
     errors = np.empty(len(views))
-    folds = min(folds, len(views) - 3)
+    folds = 4 if len(views) >= 12 else len(views)  # few views are left out one by one: three at least must stay
     for fold in range(folds):
         held = range(fold, len(views), folds)
         camera = calibrate_camera(object_points, [v for i, v in enumerate(views) if i not in held], size).camera
@@ -191,14 +191,17 @@ def compare_camera(
     return step, ours.camera, (K, dist)
 
 
-def projection_difference(a: Camera, b: Camera) -> float:
-    """Largest distance over the image between where two cameras see the same ray, after the best common rotation.
+def projection_difference(a: Camera, b: Camera, pixels: Float | None = None) -> float:
+    """Largest distance between where two cameras see the same ray, after the best common rotation.
+
+    Over the whole image, or over the `pixels` given.
 
     A rotation is taken out because a calibration's poses absorb it: shifting the principal point and turning the
     camera are nearly the same (mrcal calls it the implied rotation).
     """
     width, height = a.image_size
-    grid = np.stack(np.meshgrid(np.linspace(0, width - 1, 16), np.linspace(0, height - 1, 12)), -1).reshape(-1, 2)
+    whole = np.stack(np.meshgrid(np.linspace(0, width - 1, 16), np.linspace(0, height - 1, 12)), -1).reshape(-1, 2)
+    grid = whole if pixels is None else pixels
     x, y = ((a.undistort_points(grid) - a.K[:2, 2]) / np.diag(a.K)[:2]).T
     rays = np.column_stack([x, y, np.ones_like(x)])
     seen = np.isfinite(rays).all(axis=1)

@@ -15,7 +15,7 @@ from stereocal.base.errors import DataFileError, InputError
 from stereocal.board.chessboard import Chessboard
 from stereocal.pair.rig import StereoRig
 from stereocal.store.calibration_record import METRES
-from stereocal.store.calibrations import load_record
+from stereocal.store.calibrations import load_record, recognize_format
 from stereocal.workflow.photographs import Pair, pair_photographs
 from stereocal.workflow.progress import Progress, Silent
 from stereocal.workflow.quantities import Length, parse_inner_corners, parse_length
@@ -135,7 +135,12 @@ def find_calibration(where: str | os.PathLike[str]) -> Path:
     for name in CALIBRATION_FILES:
         if (path / name).is_file():
             return path / name
-    raise DataFileError(path, f"holds no calibration ({', '.join(CALIBRATION_FILES)}); name the file itself")
+    try:
+        recognize_format(path)  # left.yaml and right.yaml, and what else is a folder by itself
+    except DataFileError:
+        names = ", ".join(CALIBRATION_FILES)
+        raise DataFileError(path, f"holds no calibration ({names}); name the file itself") from None
+    return path
 
 
 def _in_unit_of_board(rig: StereoRig, unit: str | None, of_board: str) -> StereoRig:

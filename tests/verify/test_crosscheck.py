@@ -9,7 +9,12 @@ import pytest
 import stereocal as sc
 from stereocal.verify.comparison import CrosscheckReport, StepComparison, not_compared
 from stereocal.verify.crosscheck_given import judge_given
-from stereocal.verify.crosscheck_points import compare_stereo, projection_difference
+from stereocal.verify.crosscheck_points import (
+    _smaller_beyond_noise,
+    compare_chain,
+    compare_stereo,
+    projection_difference,
+)
 from stereocal.verify.opencv_calls import calibrate_camera
 from stereocal.verify.second_opinion import crosscheck
 
@@ -22,17 +27,19 @@ def make_rig(dist: tuple[float, ...] = (-0.38, 0.15, 0.001, -0.0005, 0.0)) -> sc
     return sc.StereoRig(left, right, sc.rotation_matrix([0.01, 0.02, -0.005]), [-60.0, 0.5, 1.0])
 
 
-def simulated_views(rig: sc.StereoRig, noise: float = 0.1) -> tuple[np.ndarray, tuple[list, list]]:
+def simulated_views(
+    rig: sc.StereoRig, noise: float = 0.1, inner_corners: tuple[int, int] = (9, 6)
+) -> tuple[np.ndarray, tuple[list, list]]:
     rng = np.random.default_rng(5)
-    X = sc.Chessboard((9, 6), 25.0).object_points
+    X = sc.Chessboard(inner_corners, 25.0).object_points
     left, right = [], []
     for _ in range(14):
         R = sc.rotation_matrix([*rng.uniform(-0.6, 0.6, 2), rng.uniform(-0.3, 0.3)])
         centre = np.array([rng.uniform(-90, 120), rng.uniform(-70, 70), rng.uniform(380, 600)])
         in_left = (X - X.mean(0)) @ R.T + centre
         still = np.zeros(3)
-        left.append(rig.left.project(in_left, still, still) + rng.normal(0, noise, (54, 2)))
-        right.append(rig.right.project(in_left @ rig.R.T + rig.T, still, still) + rng.normal(0, noise, (54, 2)))
+        left.append(rig.left.project(in_left, still, still) + rng.normal(0, noise, (len(X), 2)))
+        right.append(rig.right.project(in_left @ rig.R.T + rig.T, still, still) + rng.normal(0, noise, (len(X), 2)))
     return X, (left, right)
 
 
@@ -80,6 +87,45 @@ def test_the_given_calibration_is_judged() -> None:
     assert judged.figures["gradient_cosine"] > 0.1
     assert judged.figures["median_shift"] > 1  # 3 mrad at half a metre
     assert "not at an optimum" in judged.finding
+
+
+def test_exchanged_cameras_and_lengths_in_another_unit_are_named() -> None:
+    X, (left, right) = simulated_views(make_rig())
+    views = (left[:5], right[:5])
+    best = sc.calibrate_stereo(X, *views, SIZE).rig
+    exchanged = sc.StereoRig(best.right, best.left, best.R.T, -best.R.T @ best.T)
+    judged = judge_given(X, views, exchanged, "mm")
+    assert "swapped" in judged.finding
+    assert not judged.agrees
+    for factor, words in ((1e-3, "1000 times as long"), (1e3, "0.001 times as long")):
+        judged = judge_given(X, views, sc.StereoRig(best.left, best.right, best.R, best.T * factor), "mm")
+        assert words in judged.finding, judged.finding
+        assert not judged.agrees
+
+
+def test_pairs_that_opencv_numbers_from_two_ends_are_named() -> None:
+    """OpenCV does not look whether left and right count from the same end; the step says which pair, and the harm."""
+    board = sc.Chessboard((8, 6), 25.0)  # the same after half a turn
+    left, right = simulated_views(make_rig(), inner_corners=(8, 6))[1]
+    names = [f"{k:02d}.png" for k in range(len(left))]
+    turned = [view[::-1] if k == 4 else view for k, view in enumerate(right)]
+    step = compare_chain(board, (left, right), (left, turned), SIZE, "brown", "mm", names, "unknown")
+    assert step.nearer == "stereocal"
+    assert "opposite ends in 04.png" in step.finding
+    assert step.figures["flipped_pairs"] == 1
+    assert step.figures["opencv_rms_px"] > 10 * step.figures["ours_rms_px"]
+    assert step.figures["opencv_rms_unflipped_px"] == pytest.approx(step.figures["ours_rms_px"], abs=0.02)
+    same = compare_chain(board, (left, right), (left, right), SIZE, "brown", "mm", names, "unknown")
+    assert "opposite ends" not in same.finding
+
+
+def test_only_differences_beyond_the_scatter_of_views_rank_the_corners() -> None:
+    rng = np.random.default_rng(0)
+    base = rng.uniform(0.01, 0.05, 20)
+    noise = rng.normal(0, 0.005, 20)
+    assert _smaller_beyond_noise(base, base + noise - noise.mean()) == "unknown"
+    assert _smaller_beyond_noise(base, base + 0.02 + noise) == "stereocal"
+    assert _smaller_beyond_noise(base + 0.02 + noise, base) == "opencv"
 
 
 def test_joint_optimum_is_never_above_opencv() -> None:
