@@ -21,6 +21,9 @@ from stereocal.base.checks import Float
 from stereocal.camera.distortion import distort_normalized, to_pixels
 from stereocal.pair.view_rigs import ViewPoses, motion_jacobian, pixel_gradients
 
+# Heights that the views do not determine (all of them seen from straight ahead) are left at 0.
+_SINGULAR = 1e-12
+
 
 @dataclass(frozen=True, eq=False)
 class BoardHeights:
@@ -96,13 +99,18 @@ def _heights(poses: ViewPoses) -> tuple[Float, float]:
         for target, array in ((rows, block), (nuisance, intrinsics), (residuals, r)):
             target.append(array - basis @ (basis.T @ array))
     A, N, r = np.concatenate(rows), np.concatenate(nuisance), np.concatenate(residuals)
-    U = np.linalg.svd(N, full_matrices=False)
-    basis = U[0][:, U[1] > 1e-9 * U[1][0]]
+    # tall matrices go through Q R first: R is small and has the same singular values
+    Q, R = np.linalg.qr(N)
+    U, s, _ = np.linalg.svd(R)
+    basis = Q @ U[:, s > 1e-9 * s[0]]
     A, r = A - basis @ (basis.T @ A), r - basis @ (basis.T @ r)
-    z, *_ = np.linalg.lstsq(A, r, rcond=None)
+    Q, R = np.linalg.qr(A)
+    U, s, Vt = np.linalg.svd(R)
+    inverse = np.divide(1.0, s, out=np.zeros_like(s), where=s > _SINGULAR * s[0])
+    z = Vt.T @ (inverse * (U.T @ (Q.T @ r)))
     freedom = max(len(r) - 6 * len(poses.R) - basis.shape[1] - A.shape[1], 1)
     noise2 = float(np.sum((r - A @ z) ** 2)) / freedom
-    variance = float(np.trace(np.linalg.pinv(A.T @ A))) * noise2 / count
+    variance = float(np.sum(inverse**2)) * noise2 / count
     return shapes @ z, float(np.sqrt(variance))
 
 
