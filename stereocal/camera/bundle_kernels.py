@@ -301,13 +301,12 @@ def add_products(rows, full, J, A):
                     A[i + a, k + b] += tile[a][b]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **INNER)
-def add_block(A, n, camera, view, R_c, Rt, to, factor, rig, C, AM, U, b, V, b_v, W):
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=SUMS, **INNER)
+def add_block(A, n, T, camera, view, to, factor, rig, C, P, U, b, V, b_v, W):
     """Add a block's A = JᵀJ, by its own pose and θ, to the normal equations of views and rig, and to C, those of θ.
 
-    Only the lower triangle of A is filled. Rt is R_c t_v. M_v = diag(R_c, R_c) takes (ω_v, δt_v) to the block's pose,
-    B = [[I, 0], [−[R_c t_v]ₓ, I]] the rig's. `to` and `factor` are those of the columns of θ in use, `rig` the first
-    free unknown of the rig, or −1.
+    T (6, 12) takes (ω_v, δt_v, ω_c, δt_c) to the block's pose. Only the lower triangle of A is filled. `to` and
+    `factor` are those of the columns of θ in use, `rig` the first free unknown of the rig, or −1.
     """
     last, columns = n - 1, n - 7
     for i in range(columns + 1):
@@ -316,52 +315,41 @@ def add_block(A, n, camera, view, R_c, Rt, to, factor, rig, C, AM, U, b, V, b_v,
     for i in range(6):
         for j in range(i):
             A[j, i] = A[i, j]
-    if camera == 0:
+    if camera == 0:  # whose own pose is the view's: T = I
         for i in range(n):
             for j in range(6):
-                AM[i, j] = A[i, j]
+                P[i, j] = A[i, j]
         for i in range(6):
             for j in range(6):
                 V[view, i, j] += A[i, j]
     else:
-        for i in range(n):  # AM = A[:, pose] diag(R_c, R_c)
-            for j in range(3):
-                AM[i, j] = A[i, 0] * R_c[0, j] + A[i, 1] * R_c[1, j] + A[i, 2] * R_c[2, j]
-                AM[i, 3 + j] = A[i, 3] * R_c[0, j] + A[i, 4] * R_c[1, j] + A[i, 5] * R_c[2, j]
-        for i in range(6):
-            for j in range(6):
-                h, k = 3 * (i // 3), i % 3
-                V[view, i, j] += R_c[0, k] * AM[h, j] + R_c[1, k] * AM[h + 1, j] + R_c[2, k] * AM[h + 2, j]
-    for j in range(6):
-        b_v[view, j] += AM[last, j]
+        for i in range(n):  # P = A[:, pose] T
+            for j in range(12):
+                P[i, j] = 0.0
+            for k in range(6):
+                for j in range(12):
+                    P[i, j] += A[i, k] * T[k, j]
+        for k in range(6):
+            for i in range(6):
+                for j in range(6):
+                    V[view, i, j] += T[k, i] * P[k, j]
+    for k in range(6):
+        b_v[view, k] += P[last, k]
     for i in range(columns):
         for j in range(6):
-            W[view, to[i], j] += factor[i] * AM[6 + i, j]
+            W[view, to[i], j] += factor[i] * P[6 + i, j]
     if rig < 0:
         return
-    for i in range(n):  # A[:, pose] B into A: B = [[I, 0], [−[R_c t_v]ₓ, I]]
-        a, b3, c3 = A[i, 3], A[i, 4], A[i, 5]
-        A[i, 0] += Rt[2] * -b3 + Rt[1] * c3
-        A[i, 1] += Rt[2] * a - Rt[0] * c3
-        A[i, 2] += Rt[0] * b3 - Rt[1] * a
-    for j in range(6):  # and Bᵀ from the left
-        a, b3, c3 = A[3, j], A[4, j], A[5, j]
-        A[0, j] += Rt[1] * c3 - Rt[2] * b3
-        A[1, j] += Rt[2] * a - Rt[0] * c3
-        A[2, j] += Rt[0] * b3 - Rt[1] * a
-        a, b3, c3 = AM[3, j], AM[4, j], AM[5, j]
-        AM[0, j] += Rt[1] * c3 - Rt[2] * b3
-        AM[1, j] += Rt[2] * a - Rt[0] * c3
-        AM[2, j] += Rt[0] * b3 - Rt[1] * a
-    for i in range(6):
-        for j in range(6):
-            U[rig + i, rig + j] += A[i, j]
-            W[view, rig + i, j] += AM[i, j]
-        for j in range(columns):
-            total = factor[j] * A[6 + j, i]
-            U[rig + i, to[j]] += total
-            U[to[j], rig + i] += total
-        b[rig + i] += A[last, i]
+    for k in range(6):
+        for i in range(6):
+            for j in range(6):
+                W[view, rig + i, j] += T[k, 6 + i] * P[k, j]
+                U[rig + i, rig + j] += T[k, 6 + i] * P[k, 6 + j]
+        for i in range(columns):
+            product = factor[i] * P[6 + i, 6 + k]
+            U[rig + k, to[i]] += product
+            U[to[i], rig + k] += product
+        b[rig + k] += P[last, 6 + k]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -377,7 +365,7 @@ def normal_equations_kernel(
     call.
     """
     U[:], b[:], V[:], b_v[:], W[:] = 0.0, 0.0, 0.0, 0.0, 0.0
-    A, AM = np.empty((A_SIZE, A_SIZE)), np.empty((A_SIZE, 6))
+    A, P, T = np.empty((A_SIZE, A_SIZE)), np.empty((A_SIZE, 12)), np.zeros((6, 12))
     C = np.zeros((len(theta), A_SIZE, A_SIZE))
     R, t, Rt = np.empty((3, 3)), np.empty(3), np.empty(3)
     flat = J.reshape(J_ROWS * STRIDE)
@@ -394,6 +382,11 @@ def normal_equations_kernel(
                     + R_rig[c, i, 1] * R_views[v, 1, j]
                     + R_rig[c, i, 2] * R_views[v, 2, j]
                 )
+        for i in range(3):  # T = [[R_c, 0, I, 0], [0, R_c, −[R_c t_v]ₓ, I]]
+            for j in range(3):
+                T[i, j] = T[3 + i, 3 + j] = R_rig[c, i, j]
+            T[i, 6 + i] = T[3 + i, 9 + i] = 1.0
+            T[3 + (i + 1) % 3, 6 + (i + 2) % 3], T[3 + (i + 2) % 3, 6 + (i + 1) % 3] = Rt[i], -Rt[i]
         columns, lens = column_counts[c], lenses[c]
         n = 7 + columns
         tiles = (n + 3) // 4 * 4
@@ -424,7 +417,7 @@ def normal_equations_kernel(
                     cost += J[LAST, j] ** 2 + J[LAST, CHUNK + j] ** 2
             add_products(rows[:tiles], full, J, A)
         rig = rigs[c] if c > 0 else -1
-        add_block(A, n, c, v, R_rig[c], Rt, to[c], factor[c], rig, C[c], AM, U, b, V, b_v, W)
+        add_block(A, n, T, c, v, to[c], factor[c], rig, C[c], P, U, b, V, b_v, W)
     for c in range(len(theta)):
         columns = column_counts[c]
         for i in range(columns):

@@ -20,8 +20,8 @@ def make_bundle(
     """Return the measurements of cameras (outer list) in views (inner list) as one :class:`Bundle`."""
     counts = np.array([len(y) for corners in images for y in corners])
     seen = np.flatnonzero(counts)  # blocks in order: all views of the first camera, then of the next
-    points = np.concatenate([X for boards, corners in zip(objects, images, strict=True)
-                             for X, y in zip(boards, corners, strict=True) if len(y)])  # fmt: skip
+    boards = [X for boards in objects for X in boards]
+    points = np.concatenate(boards if counts.all() else [boards[block] for block in seen])
     measured = np.concatenate([y for corners in images for y in corners])
     offsets = np.concatenate([[0], counts[seen].cumsum()])
     views = len(objects[0])

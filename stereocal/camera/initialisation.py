@@ -18,8 +18,11 @@ One basin is not always enough. A long lens seen at moderate tilts leaves the pr
 can trade for a turn of every board, and F then has several minima. So the optimum reached is looked at: if it took
 many steps, if the principal point is uncertain by more than 1 % of the image, or if it is no plausible camera, the
 other starts are tried too and the lowest F wins.
-Then each board is tilted the other way: far off, a board and its mirror image in tilt look almost the same (Necker's
-reversal), and a pose that began on the wrong side stays there.
+Then, and where one view fits much worse than the others, each board is tilted the other way: far off, a board and its
+mirror image in tilt look almost the same (Necker's reversal), and a pose that began on the wrong side stays there.
+
+Of many views a few, spread over all, give the camera as well as the iteration needs it, at a fraction of the cost: it
+is found from those first, then all poses for it, and what remains for everything together are two or three steps.
 
 The lens starts from none or, where that is no good start, as ``lens_starts`` has it. A lens of many coefficients
 (rational and beyond) has minima of its own and long flat valleys between them: every start gets a limited number of
@@ -31,11 +34,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
 from stereocal.base.checks import Float
-from stereocal.base.errors import ConvergenceError, DegenerateGeometryError
+from stereocal.base.errors import ConvergenceError, DegenerateGeometryError, StereocalError
 from stereocal.camera.bundle import Bundle, BundleState, normal_equations, residuals
 from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
 from stereocal.camera.covariance import inverse_of_schur
@@ -50,6 +54,10 @@ _DIRECT_START = ("pinhole", "polynomial", "brown", "rational", "thin_prism", "ti
 _MANY_STEPS = 20
 _UNSURE = 0.01
 _REVERSALS = 5
+# Times the median RMS of the views, beyond which a view may be in another minimum than the rest.
+_OUTLYING = 3.0
+# From this number of views on, a part of them, about so many, gives the camera to begin with.
+_MANY_VIEWS, _FEW_VIEWS = 200, 40
 # Steps of each start, and how near to the lowest (as a part of F) a start must come to go on from there.
 _TRIAL_STEPS = 200
 _NEAR = 2e-3
@@ -182,12 +190,22 @@ def solve_from_starts(
     """
     H = homographies_of_views(bundle, backend=backend)
     tried: list[BundleSolution] = []
-    for state in _starting_states(H, bundle, lens, held, image_size, aspect_ratio, backend):
-        solution = solve_bundle(bundle, state, max_iterations=min(max_iterations, _TRIAL_STEPS), backend=backend)
+    best: BundleSolution | None = None
+    from_few = _state_from_few(H, bundle, lens, held, image_size, aspect_ratio, backend)
+    states = _starting_states(H, bundle, lens, held, image_size, aspect_ratio, backend)
+    for state in states if from_few is None else chain([from_few], states):
+        solution = solve_bundle(
+            bundle, state, max_iterations=min(max_iterations, _TRIAL_STEPS), backend=backend,
+            initial_damping=1e-6 if state is from_few else 1e-3,
+        )  # fmt: skip
         tried.append(_held_where_stuck(bundle, solution, lens, max_iterations, backend))
         if _beyond_doubt(bundle, tried[-1], image_size):
-            return min(tried, key=lambda solution: solution.cost)
-    best = _polished(bundle, tried, max_iterations, backend)
+            best = min(tried, key=lambda solution: solution.cost)
+            if not _has_outlying_view(bundle, best):
+                return best
+            break
+    if best is None:
+        best = _polished(bundle, tried, max_iterations, backend)
     for _ in range(_REVERSALS):
         if best is None or not np.isfinite(best.cost):
             break
@@ -204,6 +222,34 @@ def solve_from_starts(
             "inner corners"
         )
     return best
+
+
+def _state_from_few(
+    H: Float, bundle: Bundle, lens: DistortionModel, held: set[str], image_size: tuple[int, int],
+    aspect_ratio: float | None, backend: str,
+) -> BundleState | None:  # fmt: skip
+    """The camera of some of many views, spread over all, and the poses of all for it; None where that fails."""
+    if bundle.view_count < _MANY_VIEWS or lens.name not in _DIRECT_START:
+        return None
+    chosen = np.arange(bundle.view_count) % (bundle.view_count // _FEW_VIEWS) == 0
+    counts = np.diff(bundle.offsets)
+    rows = np.repeat(chosen, counts)
+    some = int(np.count_nonzero(chosen))
+    few = replace(
+        bundle, points=bundle.points[rows], measured=bundle.measured[rows],
+        offsets=np.concatenate([[0], counts[chosen].cumsum()]), camera_of_block=np.zeros(some, dtype=np.int64),
+        view_of_block=np.arange(some), view_count=some,
+        whitening=None if bundle.whitening is None else bundle.whitening[rows],
+    )  # fmt: skip
+    try:
+        found = solve_from_starts(
+            few, lens, held, image_size, aspect_ratio=aspect_ratio, max_iterations=_TRIAL_STEPS, backend=backend
+        )
+    except StereocalError:
+        return None  # these views are degenerate; all of them may not be
+    theta = found.state.intrinsics[0]
+    K = np.array([[theta[0], theta[4], theta[2]], [0, theta[1], theta[3]], [0, 0, 1]])
+    return BundleState([theta], np.eye(3)[None], np.zeros((1, 3)), *poses_of_homographies(K, H))
 
 
 def _polished(bundle: Bundle, tried: list[BundleSolution], max_iterations: int, backend: str) -> BundleSolution | None:
@@ -311,6 +357,13 @@ def plausible(fx: float, fy: float, cx: float, cy: float, image_size: tuple[int,
         and -margin * width < cx < (1 + margin) * width
         and -margin * height < cy < (1 + margin) * height
     )
+
+
+def _has_outlying_view(bundle: Bundle, solution: BundleSolution) -> bool:
+    """Whether a view fits much worse than the others do, as one whose board is tilted the wrong way."""
+    d = solution.equations.residuals
+    squares = np.add.reduceat(d[:, 0] ** 2 + d[:, 1] ** 2, bundle.offsets[:-1]) / np.diff(bundle.offsets)
+    return bool(squares.max() > _OUTLYING**2 * np.median(squares))
 
 
 def _beyond_doubt(bundle: Bundle, solution: BundleSolution, image_size: tuple[int, int]) -> bool:

@@ -31,6 +31,7 @@ Source: Zhang, *A flexible new technique for camera calibration*, PAMI 22 (2000)
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -163,7 +164,11 @@ def poses_of_homographies(K: Float, H: Float) -> tuple[Float, Float]:
     The rotation nearest to two unit vectors p, q that should be at a right angle turns both by the same amount: p + q
     and p − q are at a right angle already, and r1, r2 = (â ± b̂)/√2 of these two directions.
     """
-    M = (np.linalg.inv(K) @ H).transpose(2, 1, 0)  # [column, row, view]
+    (fx, skew, cx), (_, fy, cy), _ = K.tolist()
+    K_inverse = np.array(
+        [[1 / fx, -skew / (fx * fy), (skew * cy - cx * fy) / (fx * fy)], [0, 1 / fy, -cy / fy], [0, 0, 1]]
+    )
+    M = (K_inverse @ H).transpose(2, 1, 0)  # [column, row, view]
     lengths = np.sqrt(np.einsum("crv,crv->cv", M[:2], M[:2]))
     sign = np.where(M[2, 2] < 0, -1.0, 1.0)
     p, q = M[:2] * (sign / lengths)[:, None]
@@ -227,20 +232,24 @@ def _smallest_conic(H: Float, *, skew: bool, centred: bool) -> Float:
 
 
 def _camera_of_conic(b: Float, N: Float) -> Float:
-    """K from B = K⁻ᵀK⁻¹ up to scale, in pixels: B = L Lᵀ, K ∝ L⁻ᵀ."""
-    B = np.array([[b[0], b[1], b[3]], [b[1], b[2], b[4]], [b[3], b[4], b[5]]])
-    B = B if np.trace(B) > 0 else -B
-    try:
-        K = np.linalg.inv(np.linalg.cholesky(B)).T
-    except np.linalg.LinAlgError as error:
+    """K from B = K⁻ᵀK⁻¹ up to scale, in pixels: B = L Lᵀ, K ∝ L⁻ᵀ.
+
+    Nine numbers, written out: the functions for matrices would take longer to call than this takes to compute.
+    """
+    B11, B12, B22, B13, B23, B33 = b.tolist() if b[0] + b[2] + b[5] > 0 else (-b).tolist()
+    L21, L31 = (B12 / B11, B13 / B11) if B11 > 0 else (0.0, 0.0)
+    d2 = B22 - L21 * B12  # B = L D Lᵀ with a unit diagonal in L; D = (B11, d2, d3) is positive if B is
+    L32 = (B23 - L31 * B12) / d2 if d2 > 0 else 0.0
+    d3 = B33 - L31 * B13 - L32 * L32 * d2
+    if not (B11 > 0 and d2 > 0 and d3 > 0):
         raise DegenerateGeometryError(
             "no camera fits the homographies (Zhang's B is not positive definite): the tilts are too small for the "
             f"noise, or the lens distortion is strong; {_ADVICE}"
-        ) from error
-    K = K / K[2, 2]
-    K[:2, 2] -= N[:2, 2]
-    K[:2] /= N[0, 0]  # N⁻¹ K, which leaves the last row as it is
-    K[1, 0] = K[2, 0] = K[2, 1] = 0.0
-    if abs(K[0, 1]) < 1e-12 * K[0, 0]:
-        K[0, 1] = 0.0
-    return np.asarray(K)
+        )
+    # the rows of L⁻ᵀ, the last one scaled to 1; N⁻¹ then takes it to pixels
+    scale, x0, y0 = 1 / float(N[0, 0]), float(N[0, 2]), float(N[1, 2])
+    fx, fy = scale * math.sqrt(d3 / B11), scale * math.sqrt(d3 / d2)
+    skew = -L21 * fy
+    if abs(skew) < 1e-12 * fx:
+        skew = 0.0
+    return np.array([[fx, skew, scale * (L21 * L32 - L31 - x0)], [0.0, fy, scale * (-L32 - y0)], [0.0, 0.0, 1.0]])

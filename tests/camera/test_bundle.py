@@ -1,0 +1,103 @@
+"""The engine: its compiled twin equals the equations, and its iteration ends where nothing is left to win."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from camera_rigs import SIZE, board, camera, mono_views
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import stereocal as sc
+from stereocal.base.rotations import rotation_matrices, rotation_matrix
+from stereocal.camera.bundle import Bundle, BundleState, residuals
+from stereocal.camera.bundle_problem import intrinsics_of, make_bundle
+from stereocal.camera.bundle_solver import CompiledEngine, NumpyEngine, solve_bundle
+from stereocal.camera.distortion import MODELS
+from stereocal.camera.parameters import free_columns, intrinsic_names
+
+LENSES = {
+    "brown": [-0.28, 0.09, 0.001, -0.0005, 0.01],
+    "tilted": [-0.2, 0.05, 0.001, -0.0005, 0.01, 0.08, 0.02, 0.005, 0.002, -0.001, 0.001, 0.002, 0.02, -0.03],
+    "fisheye": [0.05, -0.02, 0.01, -0.003],
+}
+
+
+def rig_problem(model: str, seed: int, *, weights: bool) -> tuple[Bundle, BundleState]:
+    """Two cameras, five views of which each camera missed one, and a state a little off the optimum."""
+    rng, cam, X = np.random.default_rng(seed), camera(model, LENSES[model]), board(9, 8)  # more points than a chunk
+    corners, where = mono_views(cam, X, 5, seed=seed, noise=0.5)
+    R_rig, t_rig = rotation_matrix(rng.normal(0, 0.05, 3)), rng.normal([-3, 0, 0], 0.5)
+    R_views = rotation_matrices(np.array([r for r, _ in where]))
+    t_views = np.array([t for _, t in where])
+    seen = np.array(corners)  # the right camera's corners: anything near will do
+    left, right = list(seen), list(seen + rng.normal(0, 5, seen.shape))
+    left[1], right[3] = np.zeros((0, 2)), np.zeros((0, 2))
+    names = intrinsic_names(MODELS[model])
+    one = free_columns(names, {"skew"}, 1.01)
+    G = np.zeros((2 * len(names) + 6, 2 * one.shape[1] + 6))
+    G[: len(names), : one.shape[1]] = G[len(names) : -6, one.shape[1] : -6] = one
+    G[-6:, -6:] = np.eye(6)
+    bundle = make_bundle([MODELS[model]] * 2, [[X] * 5] * 2, [left, right], G)
+    if weights:
+        bundle.whitening = np.eye(2) + rng.normal(0, 0.1, (len(bundle.points), 2, 2))
+        bundle.loss, bundle.loss_scale = "huber", 2.0
+    theta = intrinsics_of(cam)
+    state = BundleState([theta, theta * 1.01], np.stack([np.eye(3), R_rig]), np.stack([np.zeros(3), t_rig]),
+                        R_views, t_views)  # fmt: skip
+    return bundle, state
+
+
+@pytest.mark.parametrize("weights", [False, True])
+@pytest.mark.parametrize("model", LENSES)
+@settings(max_examples=4)
+@given(seed=st.integers(0, 10**6))
+def test_equations_and_steps_of_the_twins_are_equal(model: str, weights: bool, seed: int) -> None:
+    bundle, state = rig_problem(model, seed, weights=weights)
+    fast, slow = CompiledEngine(bundle, state), NumpyEngine(bundle, state)
+    for _ in range(2):  # at the start, and where a step leads
+        a, b = fast.equations, slow.equations
+        np.testing.assert_allclose(a.cost, b.cost, rtol=1e-11)
+        for name in ("U", "b_shared", "V", "b_views", "W"):
+            expected = getattr(b, name)
+            np.testing.assert_allclose(getattr(a, name), expected, rtol=1e-8, atol=1e-10 * np.abs(expected).max())
+        np.testing.assert_allclose(a.residuals, b.residuals, atol=1e-9)
+        np.testing.assert_allclose(a.residuals, residuals(bundle, slow.state()), atol=1e-9)
+        np.testing.assert_allclose(fast.gradient_norm(), slow.gradient_norm(), rtol=1e-8)
+        np.testing.assert_allclose(fast.propose(1e-2), slow.propose(1e-2), rtol=1e-6)
+        fast.accept()
+        slow.accept()
+        np.testing.assert_allclose(fast.state().R_rig, slow.state().R_rig, atol=1e-9)
+        np.testing.assert_allclose(fast.state().R_views, slow.state().R_views, atol=1e-9)
+
+
+@pytest.mark.parametrize("noise", [0.05, 1.0])
+def test_the_iteration_ends_at_the_optimum(noise: float) -> None:
+    X = board()
+    corners, _ = mono_views(camera(), X, 8, seed=4, noise=noise)
+    found = sc.calibrate_camera(X, corners, SIZE)
+    again = sc.calibrate_camera(X, corners, SIZE, initial=found.camera)
+    assert found.converged
+    np.testing.assert_allclose(found.rms, again.rms, rtol=1e-13)
+    np.testing.assert_allclose(found.camera.K, again.camera.K, atol=1e-4 * found.std[:4].min())
+
+
+def test_many_views_start_from_a_few_and_end_at_the_same_optimum() -> None:
+    X = board(5, 4)
+    corners, _ = mono_views(camera(), X, 230, seed=6, noise=0.3)
+    found = sc.calibrate_camera(X, corners, SIZE)
+    names = intrinsic_names(MODELS["brown"])
+    bundle = make_bundle([MODELS["brown"]], [[X] * 230], [corners], free_columns(names, {"skew"}, None))
+    start = BundleState([intrinsics_of(found.camera)], np.eye(3)[None], np.zeros((1, 3)),
+                        rotation_matrices(found.rvecs), found.tvecs)  # fmt: skip
+    away = replace(start, intrinsics=[start.intrinsics[0] * 1.02])
+    full = solve_bundle(bundle, away)
+    assert found.converged
+    assert full.converged
+    np.testing.assert_allclose(found.rms**2 * len(bundle.points), full.cost, rtol=1e-12)
+    # a part of the views that is degenerate must not stand in the way: every fifth one seen in the same plane
+    flat, _ = mono_views(camera(), X, 1, seed=7)
+    corners[::5] = [flat[0] + np.random.default_rng(i).normal(0, 0.3, flat[0].shape) for i in range(46)]
+    assert sc.calibrate_camera(X, corners, SIZE).converged
