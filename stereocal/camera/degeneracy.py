@@ -180,7 +180,10 @@ def _tilts(state: BundleState) -> str:
     """In words: by how much the boards are tilted against each other."""
     if len(state.R_views) == 1:
         return "one board plane gives two equations, too few for what is free"
-    return f"their boards are tilted by no more than {np.degrees(_widest_tilt(state)):.1f} degrees against each other"
+    widest = _widest_tilt(state)
+    if widest > _ENOUGH:
+        return "their boards' tilts are too uncertain (few corners, noise, or a long lens)"
+    return f"their boards are tilted by no more than {np.degrees(widest):.1f} degrees against each other"
 
 
 def _same_views(bundle: Bundle) -> str:

@@ -4,6 +4,7 @@
 ``rig``                     two cameras and the motion between them
 ``stereo_calibration``      R, T and both cameras from boards that both see
 ``stereo_inputs``           what the user passes to it, sorted by camera
+``stereo_start``            where it starts: from each camera by itself
 ``corner_order``            one corner order for both pictures of a pair
 ``diagnosis``               what is wrong with a set of pairs: flips, mispairing, late shutters, knocks, bends
 ``findings``                one thing that is wrong: what a diagnosis is made of

@@ -7,7 +7,8 @@ camera's corners help to place the board for the left, and the other way round: 
 best for all pairs at once.
 
 The way there: each camera by itself (``camera.calibration``), R and T of each pair from its two poses, R_i^R (R_i^L)ᵀ
-and so on, the medians of those as a start, and then the bundle engine on all unknowns (``camera.bundle``). With
+and so on, the medians of those as a start (``pair.stereo_start``), and then the bundle engine on all unknowns
+(``camera.bundle``). With
 ``fix_intrinsics`` only the poses, R and T are free: the classical second step, worse than the joint optimum.
 
 Pairs that disagree with the median by a large turn are the sign of corners counted from opposite ends in the two
@@ -16,8 +17,9 @@ images (see ``pair.corner_order``).
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -25,11 +27,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stereocal.base.checks import Float, as_image_size, require_choice, require_positive
-from stereocal.base.errors import DegenerateGeometryError, InputError
+from stereocal.base.errors import ConvergenceError, DegenerateGeometryError, InputError
 from stereocal.base.rotations import rotation_matrices, rotation_vector
 from stereocal.camera.board_shape import BoardShape, board_line
 from stereocal.camera.board_shape_fit import board_shape_of, fit_shape
-from stereocal.camera.bundle import Bundle, BundleState, residuals
+from stereocal.camera.bundle import Bundle, residuals
 from stereocal.camera.bundle_problem import camera_of, intrinsics_of, make_bundle, whitening_of
 from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
 from stereocal.camera.calibration import CameraCalibration, calibrate_camera
@@ -51,8 +53,7 @@ from stereocal.camera.pose import estimate_poses
 from stereocal.camera.priors import solve_with_priors
 from stereocal.pair.rig import StereoRig
 from stereocal.pair.stereo_inputs import RIG_NAMES, SIDES, fix_of_side, paired_views, spread_priors
-
-_CANDIDATES = 64
+from stereocal.pair.stereo_start import Poses, is_unsure, starting_state
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,28 +241,29 @@ def calibrate_stereo(
             "fix_intrinsics needs both cameras, left= and right=, or neither (each is then calibrated first)"
         )
 
-    cameras, alone, poses = [], [], []
+    cameras, alone, poses, calibrations = [], [], [], []
     for side in (0, 1):
         seen = [i for i, y in enumerate(images[side]) if len(y)]
         X, y = [objects[side][i] for i in seen], [images[side][i] for i in seen]
+        here = covariances[side]
+        options = {
+            "model": model, "fix": fix_of_side(fix, side), "loss": loss, "loss_scale": loss_scale, "skew": skew,
+            "aspect_ratio": aspect_ratio, "reject_outliers": reject_outliers,
+            "covariances": None if here is None else [here[i] for i in seen],
+        }  # fmt: skip
+        calibrate = partial(_calibrate_alone, side, X, y, sizes[side], options, complete=len(seen) == len(images[side]))
         camera, calibration = given[side], None
         if camera is None:
-            here = covariances[side]
-            options = {
-                "model": model, "fix": fix_of_side(fix, side), "loss": loss, "loss_scale": loss_scale, "skew": skew,
-                "aspect_ratio": aspect_ratio, "reject_outliers": reject_outliers,
-                "covariances": None if here is None else [here[i] for i in seen],
-            }  # fmt: skip
-            calibration = _calibrate_alone(side, X, y, sizes[side], options, complete=len(seen) == len(images[side]))
+            calibration = calibrate()
             camera = calibration.camera
             rvecs, tvecs = calibration.rvecs, calibration.tvecs
         else:
             rvecs, tvecs = estimate_poses(X, y, camera)
         cameras.append(camera)
         alone.append(calibration)
-        poses.append(_Poses(np.array(seen), rotation_matrices(rvecs), tvecs))
+        calibrations.append(None if calibration is None else calibrate)
+        poses.append(Poses(np.array(seen), rotation_matrices(rvecs), tvecs))
 
-    R, T = _median_rig(poses[0], poses[1])
     models = [distortion_model(camera.model) for camera in cameras]
     held = [
         set(intrinsic_names(m)) if fix_intrinsics else fixed_names(m, fix, skew=skew, camera=s, cameras=SIDES)
@@ -271,15 +273,20 @@ def calibrate_stereo(
     bundle = make_bundle(models, objects, images, _block_diagonal([*parts, np.eye(6)]))
     bundle.whitening = whitening_of(covariances, images)
     bundle.loss, bundle.loss_scale = loss, loss_scale
-    R_views, t_views = _left_poses(poses[0], poses[1], R, T, len(images[0]))
-    state = BundleState(
-        [intrinsics_of(c) for c in cameras], np.stack([np.eye(3), R]), np.stack([np.zeros(3), T]), R_views, t_views
-    )
+    names = [intrinsic_names(m) for m in models]
     if share:
-        bundle.G = share_columns(bundle.G, [intrinsic_names(m) for m in models], share)
-        state = with_shared_values(state, [intrinsic_names(m) for m in models], share)
-    # the start is an optimum already, of each camera by itself: steps need hardly any damping
-    solution = solve_bundle(bundle, state, max_iterations=max_iterations, initial_damping=1e-6, backend=backend)
+        bundle.G = share_columns(bundle.G, names, share)
+
+    def solve(cameras: list[Camera], poses: list[Poses]) -> BundleSolution:
+        state = starting_state(cameras, poses, len(images[0]))
+        state = with_shared_values(state, names, share) if share else state
+        # the start is an optimum already, of each camera by itself: steps need hardly any damping
+        return solve_bundle(bundle, state, max_iterations=max_iterations, initial_damping=1e-6, backend=backend)
+
+    solution = solve(cameras, poses)
+    if not fix_intrinsics and any(c is not None and is_unsure(c) for c in alone):
+        second = _with_centres_held(calibrations, poses, cameras)
+        solution = solution if second is None else min(solution, solve(*second), key=lambda s: s.cost)
     everything, kept, limit = bundle, None, np.inf
     if reject_outliers:
         factor = 5.0 if reject_outliers is True else require_positive(reject_outliers, "reject_outliers")
@@ -287,9 +294,9 @@ def calibrate_stereo(
             bundle, solution, factor, max_iterations=max_iterations, backend=backend
         )
     if priors:
-        names = [f"{s}.{n}" for s, m in zip(SIDES, models, strict=True) for n in intrinsic_names(m)] + list(RIG_NAMES)
+        every = [f"{side}.{name}" for side, part in zip(SIDES, names, strict=True) for name in part] + list(RIG_NAMES)
         bundle, solution = solve_with_priors(
-            bundle, solution, *prior_arrays(names, spread_priors(priors, names)), max_iterations=max_iterations
+            bundle, solution, *prior_arrays(every, spread_priors(priors, every)), max_iterations=max_iterations
         )
     bundle, solution, kind, held_out = fit_shape(bundle, solution, board_warp, max_iterations=max_iterations)
     result = _result(bundle, solution, cameras, alone, kind, held_out)
@@ -297,14 +304,31 @@ def calibrate_stereo(
 
 
 def _calibrate_alone(
-    side: int, X: list[Float], y: list[Float], size: tuple[int, int], options: dict[str, Any], *, complete: bool
-) -> CameraCalibration:
+    side: int, X: list[Float], y: list[Float], size: tuple[int, int], options: dict[str, Any], *, complete: bool,
+    also_fix: Collection[str] = (),
+) -> CameraCalibration:  # fmt: skip
     """One camera by itself; what it refuses is said to be its own."""
     try:
-        return calibrate_camera(X, y, size, **options)
+        return calibrate_camera(X, y, size, **{**options, "fix": [*options["fix"], *also_fix]})
     except DegenerateGeometryError as error:
         among = "" if complete else " (views counted among those it saw)"
         raise DegenerateGeometryError(f"{SIDES[side]} camera by itself{among}: {error}") from error
+
+
+def _with_centres_held(
+    calibrations: Sequence[Callable[..., CameraCalibration] | None], poses: list[Poses], cameras: list[Camera]
+) -> tuple[list[Camera], list[Poses]] | None:
+    """Cameras calibrated by themselves with the principal point in the middle, and their poses; given ones stay."""
+    cameras, poses = list(cameras), list(poses)
+    for side, calibrate in enumerate(calibrations):
+        if calibrate is not None:
+            try:
+                held = calibrate(also_fix=("principal_point",))
+            except (ConvergenceError, DegenerateGeometryError):
+                return None  # the first start has to do
+            cameras[side] = held.camera
+            poses[side] = Poses(poses[side].views, rotation_matrices(held.rvecs), held.tvecs)
+    return cameras, poses
 
 
 def _with_rejected(
@@ -316,44 +340,6 @@ def _with_rejected(
     for block, (camera, view) in enumerate(zip(everything.camera_of_block, everything.view_of_block, strict=True)):
         sides[camera][view] = d[everything.offsets[block] : everything.offsets[block + 1]]
     return replace(result, residuals=sides, rejected=report_rejected(everything, solution, kept, limit))
-
-
-@dataclass(frozen=True)
-class _Poses:
-    """One camera's views: their numbers (n,), and the poses of the board in them, R (n, 3, 3) and t (n, 3)."""
-
-    views: np.ndarray
-    R: Float
-    t: Float
-
-
-def _median_rig(left: _Poses, right: _Poses) -> tuple[Float, Float]:
-    """The pair's R = R_R R_Lᵀ, T = t_R − R t_L that is nearest to all others (medoid): a turned pair has no say.
-
-    Of many pairs, 64 spread over the recording are candidates: the time stays linear in the number of pairs.
-    """
-    _, i, j = np.intersect1d(left.views, right.views, assume_unique=True, return_indices=True)
-    Rs = right.R[j] @ left.R[i].transpose(0, 2, 1)
-    Ts = right.t[j] - np.einsum("nij,nj->ni", Rs, left.t[i])
-    scale = np.median(np.sqrt(np.einsum("ni,ni->n", left.t[i], left.t[i])))
-    few = slice(None, None, -(-len(i) // _CANDIDATES))
-    turns = Rs.reshape(-1, 9)
-    # ‖A − B‖² of two rotations is 6 − 2 A·B
-    turn = np.sqrt(np.maximum(6 - 2 * turns[few] @ turns.T, 0))
-    shift = np.linalg.norm(Ts[few, None] - Ts[None], axis=2) / scale
-    distance = turn + shift
-    distance = distance[np.argmin(np.median(distance, axis=1))]
-    near = distance <= 2 * np.median(distance) + 1e-6
-    U, _, Vt = np.linalg.svd(Rs[near].mean(axis=0))
-    return U @ Vt, np.median(Ts[near], axis=0)
-
-
-def _left_poses(left: _Poses, right: _Poses, R: Float, T: Float, count: int) -> tuple[Float, Float]:
-    """Poses in the left camera's frame; of views that only the right one saw, by R and T."""
-    R_views, t_views = np.empty((count, 3, 3)), np.empty((count, 3))
-    R_views[right.views], t_views[right.views] = R.T @ right.R, (right.t - T) @ R
-    R_views[left.views], t_views[left.views] = left.R, left.t
-    return R_views, t_views
 
 
 def _block_diagonal(parts: list[Float]) -> Float:
