@@ -7,6 +7,7 @@ live in ``notebooks/``. Run by ``conf.py`` at every build; all of it goes to ``d
 from __future__ import annotations
 
 import ast
+import importlib
 import importlib.util
 import json
 import pkgutil
@@ -18,6 +19,7 @@ import layers
 
 import stereocal
 from stereocal.base.equations import EQUATIONS
+from stereocal.store.calibrations import FORMATS
 
 ROOMS = {
     "base": "What everything stands on",
@@ -42,6 +44,7 @@ def write_all(docs: Path) -> None:
     for room, title in ROOMS.items():
         (target / "api" / f"{room}.md").write_text(_api_page(room, title))
     (target / "api" / "index.md").write_text(_api_index())
+    _write_formats(target / "formats")
     layers.draw_layers(docs.parent / "pyproject.toml", target / "layers.svg")
     notebooks = sorted((docs.parent / "notebooks").glob("[0-9]*.ipynb"))
     for notebook in notebooks:
@@ -100,6 +103,50 @@ def _api_index() -> str:
         called = ", ".join(f"`sc.{name}`" for name in names)
         lines.append(f"| {called} | [{module.removeprefix('stereocal.')}]({room}.md) |")
     return "\n".join([*lines, "", "```{toctree}", ":hidden:", *ROOMS, "```", ""])
+
+
+def _write_formats(folder: Path) -> None:
+    """A page of conventions for each calibration format, and one for disparity maps: the modules' own essays."""
+    folder.mkdir()
+    rows = []
+    for each in FORMATS.values():
+        module = importlib.import_module(f"stereocal.store.{each.module}")
+        title = f"{each.title[0].upper()}{each.title[1:]}"
+        most = getattr(module, "LENS_PARAMETERS", None)
+        lenses = "every lens" if each.name == "stereocal" else "no distortion" if most is None else f"up to {most}"
+        if getattr(module, "FISHEYE", False):
+            lenses += ", fisheye"
+        endings = ", ".join(f"`{suffix}`" for suffix in each.suffixes) or "named by `--to`"
+        kind = "a folder" if each.writes_folder else "one file"
+        rows.append(f"| [{title}]({each.name}.md) | `{each.name}` | {endings} | {kind} | {lenses} |")
+        name = f"`stereocal convert IN OUT --to {each.name}`"
+        page = [f"# {title}", "", f"{name}; lens parameters: {lenses}.", "", *_essay(f"stereocal.store.{each.module}")]
+        (folder / f"{each.name}.md").write_text("\n".join(page))
+    disparity = ["# Disparity maps", "", *_essay("stereocal.store.disparity_files")]
+    (folder / "disparity.md").write_text("\n".join(disparity))
+    lines = [
+        "# File formats",
+        "",
+        "What each tool means by its numbers: frames, units, where the first pixel is, the order of parameters, and",
+        "what the format cannot hold. That is refused with a sentence, never dropped; `--refit` (`refit=True`) fits a",
+        "lens of fewer parameters instead and says how far off it is. Files are recognised by their content when read.",
+        "",
+        "| format | name | ending | a rig is | lens parameters |",
+        "|---|---|---|---|---|",
+        *rows,
+        "",
+        "Inside the library X_right = R X_left + T, pixel (0, 0) is the centre of the first pixel, and lengths are in",
+        "the unit of the board's squares ([conventions](../../conventions.md)). Disparities have [files of their",
+        "own](disparity.md). `stereocal convert` names what changes its meaning on the way.",
+    ]
+    toctree = ["", "```{toctree}", ":hidden:", *FORMATS, "disparity", "```", ""]
+    (folder / "index.md").write_text("\n".join([*lines, *toctree]))
+
+
+def _essay(module: str) -> list[str]:
+    """A module's docstring as a page: its first line a sentence, its formulas literal."""
+    lines = formulas_as_literals(_docstring(module).splitlines())
+    return ["```{eval-rst}", *(line.replace("|", "∣") for line in lines), "```", ""]
 
 
 def _cells(notebook: Path) -> str:

@@ -14,6 +14,8 @@ left-first rig. The unit is that of the squares.
 BoofCV's radial k1, k2, k3 are OpenCV's; its (t1, t2) are OpenCV's (p1, p2): both write x_t = 2 t1 x y + t2 (r² + 2 x²).
 BoofCV's pixel (0, 0), as OpenCV's, is taken as the first pixel's centre. Here, unlike in ROS or Kalibr, the skew has a
 place. More than three radial terms are refused, for they are terms r⁸ and up, which no model here has.
+
+Source: a file that BoofCV wrote of its Bumblebee2 photographs.
 """
 
 from __future__ import annotations

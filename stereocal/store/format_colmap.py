@@ -18,7 +18,9 @@ OPENCV_FISHEYE      fx fy cx cy k1 k2 k3 k4                             fisheye
 ==================  ==================================================  ==================
 
 **Half a pixel**: in COLMAP the first pixel's centre is (0.5, 0.5), here (0, 0). So 0.5 is added to cx and cy on
-writing, and taken off on reading. There is no pose in the file: a stereo rig is refused.
+writing, and taken off on reading. There is no pose in the file: a stereo rig is refused. Nor is there a skew.
+
+Source: COLMAP's documentation, *Output format* and *Camera models*.
 """
 
 from __future__ import annotations

@@ -12,6 +12,11 @@ What differs from the library:
   ``stereoParametersToOpenCV`` does.
 - ``ImageSize`` is [rows columns]; ``RadialDistortion`` has 2 or 3 numbers, ``TangentialDistortion`` 2.
 - ``WorldUnits`` names the unit, 'millimeters' by habit.
+
+A point goes from camera 1 to camera 2 by ``[x y z] * RotationOfCamera2 + TranslationOfCamera2``: the direction is the
+library's. More than three radial terms, and fisheye lenses, have no place.
+
+Source: MathWorks' pages on ``stereoParameters``, ``toStruct`` and ``stereoParametersToOpenCV``, and its answer 502227.
 """
 
 from __future__ import annotations

@@ -19,7 +19,9 @@ Written is the key ``extrinsics``, which every version reads.
 
 The text is parsed as a literal (``ast.literal_eval``), never run. ``valid_intrinsics_region`` and what mrcal keeps
 for its own optimisation are not carried over; a remark says so. Lengths are metres by mrcal's habit, but the file
-does not say.
+does not say. Pixel (0, 0) is the first pixel's centre, and there is no skew.
+
+Source: mrcal's documentation, *Camera model representation*, and the models of its own tests.
 """
 
 from __future__ import annotations

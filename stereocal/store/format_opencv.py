@@ -11,7 +11,9 @@ library's own convention, and T is in the units of the board's squares, which th
 P2[0, 3] = f T_x < 0.
 
 The sample's files do not hold the image size. Read without one, the size is taken as twice the principal point, and
-said so.
+said so. K may hold a skew, which OpenCV's functions ignore. Lenses of other families than OpenCV's are refused.
+
+Source: ``cv2.FileStorage`` itself, and OpenCV's samples ``stereo_calib.cpp`` and ``calibration.cpp``.
 """
 
 from __future__ import annotations

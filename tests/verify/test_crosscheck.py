@@ -97,10 +97,9 @@ def test_exchanged_cameras_and_lengths_in_another_unit_are_named() -> None:
     judged = judge_given(X, views, exchanged, "mm")
     assert "swapped" in judged.finding
     assert not judged.agrees
-    for factor, words in ((1e-3, "1000 times as long"), (1e3, "0.001 times as long")):
-        judged = judge_given(X, views, sc.StereoRig(best.left, best.right, best.R, best.T * factor), "mm")
-        assert words in judged.finding, judged.finding
-        assert not judged.agrees
+    judged = judge_given(X, views, sc.StereoRig(best.left, best.right, best.R, best.T / 1000), "mm")  # metres
+    assert "1000 times as long" in judged.finding, judged.finding
+    assert not judged.agrees
 
 
 def test_pairs_that_opencv_numbers_from_two_ends_are_named() -> None:
