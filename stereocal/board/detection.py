@@ -66,6 +66,7 @@ class Detection:
         One sentence: why the board was not found, or what to know about it.
     stages : dict
         For drawing: "response" (S), "candidates" (n, 7), "maxima" (m, 2), "grid" (the largest grid's corners),
+        "lattice" (the same as (I, J, 2), NaN where missing), "fit" (that of a board refused),
         "scale" (from that level's pixels to the image's).
     """
 
@@ -214,6 +215,7 @@ def _search_level(level: NDArray[Any], scale: float, gray: NDArray[Any], board: 
             False, message=f"{len(candidates)} corners were seen, but no four of them form a square", stages=stages
         )
     stages["grid"] = scale * (grids[0].points[grids[0].known] + 0.5) - 0.5
+    stages["lattice"] = scale * (np.where(grids[0].known[..., None], grids[0].points, np.nan) + 0.5) - 0.5
     reasons = []
     for grid in grids:
         choice = choose_board(G, grid, board)

@@ -21,6 +21,7 @@
 ``advice``                which photographs to add, in plain words
 ``style``                 one look for every picture
 ``figures_images``        pictures with photographs in them
+``figures_detection``     how a board was found, or how far the search got
 ``figures_residuals``     pictures of what the fit leaves over
 ``figures_geometry``      the rig in space, coverage, maps over the image
 ``figures_curves``        σ_Z over distance, the paper's figures 7 and 8

@@ -1,4 +1,4 @@
-"""Pictures with photographs in them: corners, detection stages, the rectified pair, disparity, the point of view.
+"""Pictures with photographs in them: corners, the rectified pair, disparity, the point of view.
 
 Each function takes plain arrays and returns a new :class:`matplotlib.figure.Figure`. Images are (H, W) or (H, W, 3) of
 any dtype the library reads; pixel (0, 0) is the centre of the first pixel, which is also where matplotlib's ``imshow``
@@ -6,9 +6,6 @@ puts it, so that points need no shift.
 """
 
 from __future__ import annotations
-
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -131,85 +128,6 @@ def draw_corners(image: ArrayLike, corners: ArrayLike | None, columns: int, *, t
         add_corners(axes, as_points(corners, 2, "corners", minimum=1), columns)
     dress_image(axes, size, title)
     return figure
-
-
-def draw_detection_stages(image: ArrayLike, detection: Any, columns: int, *, title: str = "") -> Figure:
-    """Draw how a board was found, or how far the search got: response, candidates, grid, refined corners.
-
-    Parameters
-    ----------
-    image : array_like of shape (H, W) or (H, W, 3)
-    detection : Detection
-        With ``stages``: a dict that may hold ``response`` (H, W), ``candidates`` (n, 2 or more) and ``grid`` (m, 2 or
-        (rows, columns, 2), NaN where missing); ``corners``, ``covariances`` and ``message``.
-    columns : int
-        Inner corners in a row of the board.
-    title : str
-
-    Returns
-    -------
-    Figure
-        Two by two panels. Covariance ellipses are drawn 200 times enlarged.
-    """
-    size = np.asarray(image).shape[1], np.asarray(image).shape[0]
-    figure, grid = new_figure(2 * PANEL, 2 * image_panel_height(size) + 0.4, rows=2, columns=2)
-    stages: Mapping[str, Any] = detection.stages or {}
-    _show_response(grid[0, 0], stages.get("response"), image, size)
-    _show_points(grid[0, 1], stages.get("candidates"), image, size, "candidates")
-    _show_points(grid[1, 0], stages.get("grid"), image, size, "grid")
-    axes = grid[1, 1]
-    show_image(axes, image)
-    corners = detection.corners
-    if corners is not None:
-        add_corners(axes, np.asarray(corners, dtype=np.float64), columns)
-        if detection.covariances is not None:
-            _add_ellipses(axes, np.asarray(corners), np.asarray(detection.covariances), 200.0)
-    label = "refined corners, ellipses 200x" if corners is not None else "no board"
-    dress_image(axes, size, f"4  {label}")
-    message = getattr(detection, "message", "") or ""
-    figure.suptitle(" · ".join(part for part in (title, message) if part), fontsize=10, color=INK, x=0.01, ha="left")
-    return figure
-
-
-def _show_response(axes: Axes, response: Any, image: ArrayLike, size: tuple[int, int]) -> None:
-    if response is None:
-        show_image(axes, image, dimmed=0.5)
-        dress_image(axes, size, "1  response: not computed")
-        return
-    values = np.asarray(response, dtype=np.float64)
-    top = float(np.nanpercentile(np.abs(values), 99.8)) or 1.0
-    height, width = values.shape
-    # a response computed on a reduced image still covers the whole photograph
-    extent = (-0.5, size[0] - 0.5, size[1] - 0.5, -0.5)
-    step = max(1, max(width, height) // 900)
-    axes.imshow(values[::step, ::step] / top, cmap="magma", vmin=0, vmax=1, extent=extent)
-    dress_image(axes, size, "1  corner response")
-
-
-def _show_points(axes: Axes, points: Any, image: ArrayLike, size: tuple[int, int], what: str) -> None:
-    number = "2" if what == "candidates" else "3"
-    show_image(axes, image, dimmed=0.35)
-    if points is None or np.size(points) == 0:
-        dress_image(axes, size, f"{number}  {what}: none")
-        return
-    array = np.asarray(points, dtype=np.float64)
-    if array.ndim == 3:  # a grid: rows, columns, (x, y)
-        for line in (*array, *array.transpose(1, 0, 2)):
-            axes.plot(line[:, 0], line[:, 1], "-", color=AMBER, linewidth=1.0)
-        array = array.reshape(-1, array.shape[2])
-    xy = array[np.isfinite(array[:, :2]).all(axis=1), :2]
-    axes.plot(xy[:, 0], xy[:, 1], "+", color=RIGHT, markersize=5, markeredgewidth=1.2)
-    dress_image(axes, size, f"{number}  {what}: {len(xy)}")
-
-
-def _add_ellipses(axes: Axes, corners: Float, covariances: Float, enlarged: float) -> None:
-    angles = np.linspace(0, 2 * np.pi, 25)
-    circle = np.stack([np.cos(angles), np.sin(angles)])
-    values, vectors = np.linalg.eigh(covariances)
-    outline = corners[:, None, :] + enlarged * np.einsum(
-        "nij,nj,jk->nki", vectors, np.sqrt(np.maximum(values, 0)), circle
-    )
-    axes.add_collection(LineCollection(list(outline), colors=AMBER, linewidths=0.9))
 
 
 def draw_rectified_pair(

@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 from stereocal.board.chessboard import Chessboard
 from stereocal.board.detection import Detection, detect_chessboard_detailed
-from stereocal.report.figures_images import draw_detection_stages
+from stereocal.report.figures_detection import draw_detection_stages
 from stereocal.report.style import to_png
 from stereocal.workflow.outputs import staged_folder
 from stereocal.workflow.photographs import Photograph, list_photographs
@@ -135,7 +135,7 @@ def search_board(photograph: Photograph, board: Chessboard, *, picture: Path | N
     image = photograph.read_gray()
     detection = detect_chessboard_detailed(image, board)
     if picture is not None:
-        figure = draw_detection_stages(image, detection, board.columns, title=photograph.path.name)
+        figure = draw_detection_stages(image, detection, board.inner_corners, title=photograph.path.name)
         picture.write_bytes(to_png(figure))
     detection.stages.clear()
     return FoundBoard(photograph, (image.shape[1], image.shape[0]), detection)

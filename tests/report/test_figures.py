@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 from report_cases import SIZE, Case
 
-from stereocal.report import figures_curves, figures_geometry, figures_images, figures_residuals
+from stereocal.report import figures_curves, figures_detection, figures_geometry, figures_images, figures_residuals
 from stereocal.report.style import to_png
 
 RANDOM = np.random.default_rng(0)
@@ -36,14 +36,41 @@ def test_corners_on_any_image(image: np.ndarray) -> None:
 
 def test_detection_stages_when_nothing_was_found_and_when_all_was() -> None:
     nothing = SimpleNamespace(stages={}, corners=None, covariances=None, message="no corner passed the saddle test")
-    pixels(figures_images.draw_detection_stages(IMAGE, nothing, 7))
+    pixels(figures_detection.draw_detection_stages(IMAGE, nothing, (7, 6)))
     everything = SimpleNamespace(
         stages={"response": RANDOM.random((48, 64)), "candidates": CORNERS, "grid": CORNERS.reshape(6, 7, 2)},
         corners=CORNERS,
         covariances=np.tile(1e-4 * np.eye(2), (42, 1, 1)),
         message="",
     )
-    pixels(figures_images.draw_detection_stages(IMAGE, everything, 7))
+    pixels(figures_detection.draw_detection_stages(IMAGE, everything, (7, 6)))
+
+
+def test_detection_stages_are_drawn_where_they_are_in_the_image() -> None:
+    """Candidates are in the pixels of a level: at scale 4, level pixel (5, 2) is image pixel (21.5, 9.5)."""
+    stages = {"scale": 4.0, "candidates": np.array([[5.0, 2.0, 1.0]]), "response": RANDOM.random((12, 16))}
+    seen = SimpleNamespace(stages=stages, corners=None, covariances=None, message="one corner was seen")
+    panel = figures_detection.draw_detection_stages(IMAGE, seen, (7, 6)).axes[1]
+    crosses = next(line for line in panel.lines if line.get_marker() == "+")
+    np.testing.assert_allclose(crosses.get_xydata(), [[21.5, 9.5]])
+
+
+def test_detection_stages_of_a_board_refused() -> None:
+    lattice = CORNERS.reshape(6, 7, 2).transpose(1, 0, 2).copy()
+    lattice[3, 2] = np.nan
+    fit = SimpleNamespace(corners=CORNERS, converged=np.arange(42) % 5 > 0)
+    grid = lattice[np.isfinite(lattice[..., 0])]
+    refused = SimpleNamespace(
+        stages={"grid": grid, "lattice": lattice, "fit": fit, "candidates": grid},
+        corners=None,
+        covariances=None,
+        message="9 of the 42 corners could not be measured",
+    )
+    figure = figures_detection.draw_detection_stages(IMAGE, refused, (7, 6), title="view")
+    assert "stage 4" in figure.get_suptitle()
+    assert "41 corners" in figure.axes[2].get_title(loc="left")
+    assert any("could not be measured" in text.get_text() for text in figure.axes[3].texts)
+    pixels(figure)
 
 
 def test_disparity_without_a_single_answer() -> None:
