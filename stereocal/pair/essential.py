@@ -35,7 +35,7 @@ from stereocal.base.homogeneous import cross_matrix
 from stereocal.pair.consensus import MinimalProblem, find_consensus
 from stereocal.pair.epipolar import point_pairs, sampson_distance
 from stereocal.pair.relative_pose import ahead_of_motions, camera_matrices, project_to_essential, rays_of, recover_pose
-from stereocal.pair.two_view_degeneracy import refuse_homography, refuse_turn, require_distinct
+from stereocal.pair.two_view_degeneracy import FEW_MATCHES, refuse_homography, refuse_turn, require_distinct
 from stereocal.pair.two_view_models import TwoViewModel, essential_model, motion_model
 from stereocal.pair.two_view_modes import Answer
 from stereocal.pair.two_view_options import TwoViewOptions
@@ -217,7 +217,7 @@ def _fit(
         refuse_homography(left, right, inverse_other.T @ E @ inverse)
         E = project_to_essential(E)
         if options.refines:
-            refined = refine_model(essential_model(E, inverse_other, inverse), points)
+            refined = refine_model(essential_model(E, inverse_other, inverse), points, backend=options.backend)
             answer = Answer(refined.model, refined.weights, refined.cost, np.zeros((9, 9)))
     else:
         good = options.method == "5point"
@@ -233,7 +233,11 @@ def _fit(
     R, t, _ = recover_pose(E, left[inliers], right[inliers], K, K_other)
     E = cross_matrix(t) @ R
     distances = sampson_distance(left[inliers], right[inliers], inverse_other.T @ E @ inverse)
-    refuse_turn(rays[inliers], other[inliers], distances, K, outliers=int((~inliers).sum()))
+    noise = distances
+    if options.method == "8point" and len(left) < FEW_MATCHES:
+        best = refine_model(motion_model(R, t, inverse_other, inverse), points, backend=options.backend)
+        noise = sampson_distance(left, right, best.F)
+    refuse_turn(rays[inliers], other[inliers], noise, K, outliers=int((~inliers).sum()))
     covariance = np.full((5, 5), np.nan)
     if answer is not None:
         covariance = _covariance(answer, motion_model(R, t, inverse_other, inverse), points, options.backend)

@@ -182,9 +182,8 @@ def _fit(left_points: ArrayLike, right_points: ArrayLike, options: TwoViewOption
     inliers, iterations, covariance = np.ones(len(left), dtype=bool), 0, np.full((9, 9), np.nan)
     if options.method == "8point":
         core = eight_point(to_homogeneous(left) @ T1.T, to_homogeneous(right) @ T2.T)
-        F = np.asarray(T2.T @ core @ T1)
+        F, answer = np.asarray(T2.T @ core @ T1), None
         refuse_homography(left, right, F)
-        answer = None
         if options.refines:
             refined = refine_model(fundamental_model(core, T2, T1), points, backend=options.backend)
             answer = Answer(refined.model, refined.weights, refined.cost, np.zeros((9, 9)))

@@ -25,8 +25,14 @@ from stereocal.base.checks import Float
 from stereocal.base.errors import DegenerateGeometryError, InputError
 from stereocal.base.homogeneous import from_homogeneous, to_homogeneous
 from stereocal.pair.epipolar import sampson_distance
+from stereocal.pair.two_view_models import fundamental_model
+from stereocal.pair.two_view_refinement import refine_model
+from stereocal.pair.two_view_solvers import normalizing_transform
 
 Mask = NDArray[np.bool_]
+# The linear solution of fewer matches leaves several times their noise; only the best F tells what that is. And it is
+# known the less surely, the fewer there are.
+FEW_MATCHES, _UNSURE = 30, 4.0
 # A homography, or a rotation, that explains the matches this nearly as well as F does leaves F to chance.
 _HOMOGRAPHY_FACTOR = _TURN_FACTOR = 3.0
 # Rounds of fitting the simpler model to the matches that are near it, and to about how many of them.
@@ -82,8 +88,14 @@ def refuse_homography(left: Float, right: Float, F: Float, *, outliers: int = 0)
         H = np.asarray(fit_homography(left[chosen], right[chosen], refine=refine))
         return np.asarray(np.linalg.norm(from_homogeneous(to_homogeneous(left) @ H.T) - right, axis=1))
 
-    by_F = float(np.sqrt(np.mean(sampson_distance(left, right, F)))) if len(left) else 0.0
-    limit = _HOMOGRAPHY_FACTOR * by_F + _EXACT_PIXELS
+    count = len(left)
+    if count < FEW_MATCHES:
+        T1, T2 = normalizing_transform(left), normalizing_transform(right)
+        core = np.linalg.inv(T2).T @ F @ np.linalg.inv(T1)
+        F = refine_model(fundamental_model(core, T2, T1), np.ascontiguousarray(np.hstack([left, right]).T)).F
+    # of N squares as many are left as F, with its seven unknowns, has not taken up
+    by_F = float(np.sqrt(np.sum(sampson_distance(left, right, F)) / max(count - 7, 1)))
+    limit = _HOMOGRAPHY_FACTOR * (1 + _UNSURE / max(count - 6, 1)) * by_F + _EXACT_PIXELS
     try:
         hopeless = max(_FAR_OFF * limit, _FAR_SHARE * float(np.linalg.norm(np.ptp(right, axis=0))))
         kept = _most_explained(distances, len(left), hopeless, limit, outliers)
