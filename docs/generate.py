@@ -105,6 +105,10 @@ def _api_index() -> str:
     return "\n".join([*lines, "", "```{toctree}", ":hidden:", *ROOMS, "```", ""])
 
 
+_RIGS = {"colmap": "refused", "kitti": "one file, rectified", "middlebury": "one file, rectified"}
+"""What is particular about rigs in some formats."""
+
+
 def _write_formats(folder: Path) -> None:
     """A page of conventions for each calibration format, and one for disparity maps: the modules' own essays."""
     folder.mkdir()
@@ -117,7 +121,7 @@ def _write_formats(folder: Path) -> None:
         if getattr(module, "FISHEYE", False):
             lenses += ", fisheye"
         endings = ", ".join(f"`{suffix}`" for suffix in each.suffixes) or "named by `--to`"
-        kind = "a folder" if each.writes_folder else "one file"
+        kind = _RIGS.get(each.name, "a folder" if each.writes_folder else "one file")
         rows.append(f"| [{title}]({each.name}.md) | `{each.name}` | {endings} | {kind} | {lenses} |")
         name = f"`stereocal convert IN OUT --to {each.name}`"
         page = [f"# {title}", "", f"{name}; lens parameters: {lenses}.", "", *_essay(f"stereocal.store.{each.module}")]

@@ -54,6 +54,8 @@ def read(path: Path) -> CalibrationRecord:
     fields = Fields(_read_mat(path) if read_bytes(path)[:6] == b"MATLAB" else parse_json(read_text(path), path), path)
     remarks = ["1 px is taken off cx and cy: MATLAB's first pixel is (1, 1)."]
     try:
+        if "IntrinsicMatrix" in (fields.fields("CameraParameters1") if "CameraParameters1" in fields else fields):
+            remarks.append("IntrinsicMatrix is transposed into K.")
         if "CameraParameters1" not in fields:
             return CalibrationRecord(_read_camera(fields), _unit(fields), {}, tuple(remarks))
         first = fields.fields("CameraParameters1")

@@ -70,6 +70,10 @@ def read(path: Path) -> CalibrationRecord:
     left, R_l, t_l = _read_camera(path / "left.cameramodel", remarks)
     right, R_r, t_r = _read_camera(path / "right.cameramodel", remarks)
     R = R_r @ R_l.T
+    if R_l.tolist() != np.eye(3).tolist() or t_l.any():
+        remarks.append(
+            "R and T are composed of both cameras' poses in mrcal's reference frame, which is not the left's."
+        )
     return CalibrationRecord(StereoRig(left, right, R, t_r - R @ t_l), None, {}, tuple(remarks))
 
 
