@@ -14,7 +14,8 @@ many do. Two scores are offered, both of the squared Sampson distances e_i (pixe
     k = log(1 − confidence) / log(1 − wˢ)
 
 draws one was good with the confidence asked for. w is taken from the best model so far, so that k shrinks as it gets
-better.
+better: the matches within the threshold, and those that the refinement's mixture takes for good within three of it, so
+that a threshold below the noise does not make the search endless.
 
 **Local optimisation** (Chum, Matas, Kittler, 2003). A model from the fewest points carries all of their noise, and may
 miss half of the true model's inliers, so that the count k comes out far too high. The best model of each stack of
@@ -55,6 +56,8 @@ from stereocal.pair.two_view_refinement import Refined, refine_model, signed_dis
 _LEAST_STACKS, _POLISH_ROUNDS = 8, 5
 # Samples of good matches among whose solutions another one is looked for, and by how much its entries differ.
 _RETRIES, _APART = 8, 0.1
+# A match may be this many thresholds off and still be counted as good when the draws to make are reckoned.
+_LOOSE = 3.0
 # Matches for a first glance at a model, and how many models are then scored on all.
 _PREVIEW, _FINALISTS = 64, 12
 # What the mixture is told of the width over which wrong matches lie.
@@ -248,9 +251,12 @@ def find_consensus(
         winner, value = best_model(models, points, options.score, options.reach, backend=options.backend)
         if best is None or value < best[0]:
             F = models[winner].reshape(3, 3)
-            within = np.abs(signed_distances(points, F, exact=False)) <= _reach(value, count - size, options)
-            best = value, F, within
-            share = min(max(float(within.mean()), 1e-6) ** size, 1 - 1e-12)
+            off, reach = np.abs(signed_distances(points, F, exact=False)), _reach(value, count - size, options)
+            best = value, F, off <= reach
+            good = best[2]
+            if winner == 1 and outliers:  # the mixture knows the noise, which the threshold may be too narrow for
+                good = good | ((polished.weights > 0.5) & (off <= _LOOSE * reach))
+            share = min(max(float(good.mean()), 1e-6) ** size, 1 - 1e-12)
             enough = int(np.ceil(np.log(1 - options.confidence) / np.log1p(-share)))
             needed = min(options.max_iterations, max(enough, _LEAST_STACKS * problem.stack))
     if best is None or best[2].sum() < size:
