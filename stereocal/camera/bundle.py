@@ -43,6 +43,7 @@ Argyros (2009).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -190,7 +191,9 @@ class NormalEquations:
     """F and its normal equations at a state: U (F, F), b_z (F,), V (V, 6, 6), b_v (V, 6), W (V, F, 6).
 
     `residuals` (M, 2) are p̃ − y there, neither weighted nor robust. `schur` and `inverse` keep the Schur complement and
-    S⁻¹ once ``bundle_solver`` and ``covariance`` have computed them.
+    S⁻¹ once ``bundle_solver`` and ``covariance`` have computed them. `eliminate`, which the compiled engine gives,
+    returns the Cholesky factors L of V (V, 6, 6), Z = L⁻¹ Wᵀ by unknowns (≥ F, 6V) and the factor of S (≥ F, ≥ F); None
+    where one is not positive definite.
     """
 
     cost: float
@@ -201,7 +204,13 @@ class NormalEquations:
     W: Float
     residuals: Float
     schur: tuple[Float, Float] | None = None
-    inverse: tuple[Float, Float] | None = None
+    inverse: Float | None = None
+    eliminate: Callable[[], tuple[Float, Float, Float] | None] | None = None
+
+    @cached_property
+    def factors(self) -> tuple[Float, Float, Float] | None:
+        """What `eliminate` returns."""
+        return None if self.eliminate is None else self.eliminate()
 
     @cached_property
     def V_inverse(self) -> Float:

@@ -20,6 +20,7 @@ stand, for every lens and option; or :class:`CompiledEngine`, their twin in ``bu
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -137,7 +138,7 @@ def solve_bundle(
     rounding_of_r = _ROUNDING_OF_PIXELS * float(np.abs(bundle.measured).max(initial=0.0))
     if bundle.whitening is not None:
         rounding_of_r *= float(np.abs(bundle.whitening).max(initial=0.0))
-    while np.isfinite(engine.equations.cost):
+    while math.isfinite(engine.equations.cost):
         cost = engine.equations.cost
         gradient = engine.gradient_norm()
         if cost <= floor or gradient <= _GRADIENT_TOLERANCE:
@@ -151,12 +152,12 @@ def solve_bundle(
             continue
         promised, longest, cost_there = trial
         won = cost - cost_there
-        noise = max(_ROUNDING * cost, rounding_of_r * np.sqrt(cost))
+        noise = max(_ROUNDING * cost, rounding_of_r * math.sqrt(cost))
         if mu <= _TRUSTED_DAMPING:
             q = max(promised / last[1], last[1] / last[0])
             to_come = promised * q / (1 - q) if won > 0 and mu <= _NEGLIGIBLE_DAMPING and q < 1 else np.inf
             rounding = won <= 0 and max(promised, -won) <= noise
-            if longest <= _STEP_TOLERANCE * np.sqrt(cost):
+            if longest <= _STEP_TOLERANCE * math.sqrt(cost):
                 reason = "step"
             elif min(promised, to_come) <= _COST_TOLERANCE * cost or rounding:
                 reason = "cost"
@@ -298,8 +299,12 @@ class CompiledEngine:
             np.empty((bundle_kernels.J_ROWS, bundle_kernels.STRIDE)),
         )
         self._shape = state.shape
-        self.equations = _equations(self._evaluate(self._here, self._blocks_here), self._blocks_here)
+        self.equations = self._equations(self._evaluate(self._here, self._blocks_here))
         self._cost_there = np.inf
+
+    def _equations(self, cost: float) -> NormalEquations:
+        U, b, V, b_v, W, r = self._blocks_here
+        return NormalEquations(cost, U, b, V, b_v, W, r, eliminate=self._eliminate)
 
     def _evaluate(self, at: tuple[Float, ...], into: tuple[Float, ...]) -> float:
         return float(self._fill(*self._data, *at, *self._lenses, *self._map, *into, *self._scratch))
@@ -318,7 +323,15 @@ class CompiledEngine:
         """Move on."""
         self._here, self._there = self._there, self._here
         self._blocks_here, self._blocks_there = self._blocks_there, self._blocks_here
-        self.equations = _equations(self._cost_there, self._blocks_here)
+        self.equations = self._equations(self._cost_there)
+
+    def _eliminate(self) -> tuple[Float, Float, Float] | None:
+        """Factors of the undamped equations, from a step that is not taken."""
+        _, longest = self._steps.step_kernel(
+            *self._blocks_here[:5], 0.0, *self._work, *self._here, *self._there, *self._map
+        )
+        C, L, Z = self._work[4:]
+        return None if longest == -1.0 else (L, Z, C)
 
     def gradient_norm(self) -> float:
         """Return the largest |b_i| / √(A_ii F)."""
@@ -329,11 +342,6 @@ class CompiledEngine:
         theta, R_rig, t_rig, R_views, t_views = self._here
         intrinsics = [row[: 5 + count] for row, count in zip(theta, self._slots, strict=True)]
         return BundleState(intrinsics, R_rig, t_rig, R_views, t_views, self._shape)
-
-
-def _equations(cost: float, blocks: tuple[Float, ...]) -> NormalEquations:
-    U, b, V, b_v, W, r = blocks
-    return NormalEquations(cost, U, b, V, b_v, W, r)
 
 
 def _whole_tiles(count: int) -> int:
@@ -375,7 +383,7 @@ def _damped_step(
     """Solve (A + μD²) δ = −b by blocks; None if A is singular to working precision."""
     V = equations.V + mu * D2_views[:, :, None] * np.eye(6)
     U = equations.U + mu * np.diag(D2_shared)
-    damped = replace(equations, U=U, V=V, schur=None, inverse=None)
+    damped = replace(equations, U=U, V=V, schur=None, inverse=None, eliminate=None)
     try:
         S, V_inv_Wt = schur_complement(damped)
         V_inv_b = (damped.V_inverse @ equations.b_views[:, :, None])[:, :, 0]

@@ -211,3 +211,60 @@ def gradient_norm_kernel(U, b, V, b_v, cost):
             if V[v, i, i] > 0:
                 largest = max(largest, b_v[v, i] * b_v[v, i] / V[v, i, i])
     return math.sqrt(largest / cost) if cost > 0 else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=SUMS)
+def covariance_kernel(L, Z, S_inverse, G, rvecs, cross, views):
+    """Fill, for σ = 1, the covariances of each view's (rvec, tvec) with all shared parameters and with itself.
+
+    With J the matrix that takes ω to the change of the rotation vector, K = L⁻¹ diag(J, I)ᵀ and Y = Z K, these are
+    −G S⁻¹ Y and KᵀK + YᵀS⁻¹Y.
+    """
+    F, n = len(S_inverse), len(G)
+    K, Y, T = np.zeros((6, 6)), np.empty((F, 6)), np.empty((F, 6))
+    for v in range(len(L)):
+        a, b, c = rvecs[v, 0], rvecs[v, 1], rvecs[v, 2]
+        theta2 = a * a + b * b + c * c
+        theta = math.sqrt(theta2)
+        d = 1 / 12 + theta2 / 720 + theta2 * theta2 / 30240
+        if theta > 1e-2:
+            d = 1 / theta2 - 1 / (2 * theta * math.tan(theta / 2))
+        K[:] = 0.0  # diag(J, I)ᵀ with J = I − ½[r]ₓ + d [r]ₓ²
+        K[0, 0], K[1, 1], K[2, 2] = 1 - d * (b * b + c * c), 1 - d * (a * a + c * c), 1 - d * (a * a + b * b)
+        K[1, 0], K[0, 1] = 0.5 * c + d * a * b, -0.5 * c + d * a * b
+        K[2, 0], K[0, 2] = -0.5 * b + d * a * c, 0.5 * b + d * a * c
+        K[2, 1], K[1, 2] = 0.5 * a + d * b * c, -0.5 * a + d * b * c
+        K[3, 3], K[4, 4], K[5, 5] = 1.0, 1.0, 1.0
+        for i in range(6):
+            for k in range(i):
+                for j in range(6):
+                    K[i, j] -= L[v, i, k] * K[k, j]
+            for j in range(6):
+                K[i, j] /= L[v, i, i]
+        for f in range(F):
+            for j in range(6):
+                Y[f, j], T[f, j] = 0.0, 0.0
+            for k in range(6):
+                for j in range(6):
+                    Y[f, j] += Z[f, 6 * v + k] * K[k, j]
+        for i in range(6):
+            for j in range(6):
+                views[v, i, j] = 0.0
+        for f in range(F):
+            for g in range(F):
+                for j in range(6):
+                    T[f, j] += S_inverse[f, g] * Y[g, j]
+            for i in range(6):
+                for j in range(6):
+                    views[v, i, j] += Y[f, i] * T[f, j]
+        for k in range(6):
+            for i in range(6):
+                for j in range(6):
+                    views[v, i, j] += K[k, i] * K[k, j]
+        for p in range(n):
+            for j in range(6):
+                cross[v, p, j] = 0.0
+            for f in range(F):
+                if G[p, f] != 0:
+                    for j in range(6):
+                        cross[v, p, j] -= G[p, f] * T[f, j]

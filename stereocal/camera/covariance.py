@@ -78,22 +78,19 @@ def bundle_covariance(bundle: Bundle, state: BundleState, equations: NormalEquat
     priors = 0 if bundle.prior_weights is None else int(np.count_nonzero(bundle.prior_weights))
     freedom = 2 * len(bundle.points) + priors - free - 6 * bundle.view_count
     n = bundle.G.shape[0]
-    inverse = inverse_of_schur(equations)
-    if inverse is None or freedom <= 0:
+    S_inv = inverse_of_schur(equations)
+    if S_inv is None or freedom <= 0:
         shapes = ((n, n), (bundle.view_count, n, 6), (bundle.view_count, 6, 6))
         return BundleCovariance(np.inf, freedom, *(np.full(shape, np.inf) for shape in shapes))
-    S_inv, V_inv_Wt = inverse
     variance = equations.cost / freedom
     shared = bundle.G @ S_inv @ bundle.G.T
-    count = bundle.view_count
-    Y = V_inv_Wt.reshape(6 * count, free)
-    cross = -(Y @ (S_inv @ bundle.G.T)).reshape(count, 6, n).transpose(0, 2, 1)
-    views = equations.V_inverse + (Y @ S_inv).reshape(count, 6, free) @ V_inv_Wt.transpose(0, 2, 1)
+    if equations.factors is None:
+        cross, views = pose_covariances(bundle.G, state.rvecs, equations, S_inv)
+    else:
+        from stereocal.camera.bundle_step_kernels import covariance_kernel
 
-    turn = left_jacobian_inverse(state.rvecs)
-    cross[:, :, :3] = cross[:, :, :3] @ turn.transpose(0, 2, 1)
-    views[:, :3, :] = turn @ views[:, :3, :]
-    views[:, :, :3] = views[:, :, :3] @ turn.transpose(0, 2, 1)
+        cross, views = np.empty((bundle.view_count, n, 6)), np.empty((bundle.view_count, 6, 6))
+        covariance_kernel(*equations.factors[:2], S_inv, bundle.G, state.rvecs, cross, views)
     if len(bundle.models) > 1:
         rig = np.eye(n)
         for part, J in zip(
@@ -104,17 +101,52 @@ def bundle_covariance(bundle: Bundle, state: BundleState, equations: NormalEquat
     return BundleCovariance(variance, freedom, variance * shared, variance * cross, variance * views)
 
 
-def inverse_of_schur(equations: NormalEquations) -> tuple[Float, Float] | None:
-    """Return S⁻¹ and all V⁻¹Wᵀ; None where an unknown or a view has no influence at all.
+def pose_covariances(G: Float, rvecs: Float, equations: NormalEquations, S_inv: Float) -> tuple[Float, Float]:
+    """Return, for σ = 1, the covariances of each view's (rvec, tvec) with all shared parameters and with itself.
 
-    A direction that the data determine less well than rounding allows comes out with the variance that rounding
-    implies, which is large: eigenvalues of S, its rows scaled to a unit diagonal, count as at least 1e-16 of the
-    largest.
+    Parameters
+    ----------
+    G : ndarray of shape (n, F)
+        δ(all shared) = G δz.
+    rvecs : ndarray of shape (V, 3)
+        Rotation vectors of the views.
+    equations : NormalEquations
+        Undamped.
+    S_inv : ndarray of shape (F, F)
+        See :func:`inverse_of_schur`.
+
+    Returns
+    -------
+    cross : ndarray of shape (V, n, 6)
+    views : ndarray of shape (V, 6, 6)
     """
+    count, free = len(equations.V), len(S_inv)
+    V_inv_Wt = schur_complement(equations)[1]
+    Y = V_inv_Wt.reshape(6 * count, free)
+    cross = -(Y @ (S_inv @ G.T)).reshape(count, 6, len(G)).transpose(0, 2, 1)
+    views = equations.V_inverse + (Y @ S_inv).reshape(count, 6, free) @ V_inv_Wt.transpose(0, 2, 1)
+    turn = left_jacobian_inverse(rvecs)
+    cross[:, :, :3] = cross[:, :, :3] @ turn.transpose(0, 2, 1)
+    views[:, :3, :] = turn @ views[:, :3, :]
+    views[:, :, :3] = views[:, :, :3] @ turn.transpose(0, 2, 1)
+    return cross, views
+
+
+def inverse_of_schur(equations: NormalEquations) -> Float | None:
+    """Return S⁻¹; None where an unknown or a view has no influence at all.
+
+    Where S is not positive definite by Cholesky's method, a direction that the data determine less well than rounding
+    allows comes out with the variance that rounding implies, which is large: eigenvalues of S, its rows scaled to a
+    unit diagonal, count as at least 1e-16 of the largest.
+    """
+    if equations.inverse is None and equations.factors is not None:
+        free = len(equations.U)
+        C_inv = np.linalg.inv(np.tril(equations.factors[2][:free, :free]))
+        equations.inverse = C_inv.T @ C_inv
     if equations.inverse is not None:
         return equations.inverse
     try:
-        S, V_inv_Wt = schur_complement(equations)
+        S, _ = schur_complement(equations)
     except np.linalg.LinAlgError:
         return None
     diagonal = np.diag(S)
@@ -123,5 +155,5 @@ def inverse_of_schur(equations: NormalEquations) -> tuple[Float, Float] | None:
     scale = 1 / np.sqrt(diagonal)
     values, vectors = np.linalg.eigh(S * scale[:, None] * scale)
     half = scale[:, None] * vectors / np.sqrt(np.maximum(values, 1e-16 * values[-1])) if len(values) else S
-    equations.inverse = (half @ half.T, V_inv_Wt)
+    equations.inverse = half @ half.T
     return equations.inverse

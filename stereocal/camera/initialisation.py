@@ -22,7 +22,7 @@ Then, and where one view fits much worse than the others, each board is tilted t
 mirror image in tilt look almost the same (Necker's reversal), and a pose that began on the wrong side stays there.
 
 Of many views a few, spread over all, give the camera as well as the iteration needs it, at a fraction of the cost: it
-is found from those first, then all poses for it, and what remains for everything together are two or three steps.
+is found from those first, and what remains for everything together are a few steps.
 
 The lens starts from none or, where that is no good start, as ``lens_starts`` has it. A lens of many coefficients
 (rational and beyond) has minima of its own and long flat valleys between them: every start gets a limited number of
@@ -363,7 +363,8 @@ def _has_outlying_view(bundle: Bundle, solution: BundleSolution) -> bool:
     """Whether a view fits much worse than the others do, as one whose board is tilted the wrong way."""
     d = solution.equations.residuals
     squares = np.add.reduceat(d[:, 0] ** 2 + d[:, 1] ** 2, bundle.offsets[:-1]) / np.diff(bundle.offsets)
-    return bool(squares.max() > _OUTLYING**2 * np.median(squares))
+    middle = len(squares) // 2
+    return bool(squares.max() > _OUTLYING**2 * np.partition(squares, middle)[middle])
 
 
 def _beyond_doubt(bundle: Bundle, solution: BundleSolution, image_size: tuple[int, int]) -> bool:
@@ -377,6 +378,6 @@ def _beyond_doubt(bundle: Bundle, solution: BundleSolution, image_size: tuple[in
     inverse = inverse_of_schur(solution.equations)
     if inverse is None:
         return False  # something is not determined at all: another start may do better
-    variances = np.diag(inverse[0])
+    variances = np.diag(inverse)
     centre = np.einsum("if,f,if->i", bundle.G[2:4], variances, bundle.G[2:4]) * solution.cost / freedom
     return bool(np.sqrt(centre.max()) < _UNSURE * max(image_size))

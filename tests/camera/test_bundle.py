@@ -15,6 +15,7 @@ from stereocal.base.rotations import rotation_matrices, rotation_matrix
 from stereocal.camera.bundle import Bundle, BundleState, residuals
 from stereocal.camera.bundle_problem import intrinsics_of, make_bundle
 from stereocal.camera.bundle_solver import CompiledEngine, NumpyEngine, solve_bundle
+from stereocal.camera.covariance import bundle_covariance
 from stereocal.camera.distortion import MODELS
 from stereocal.camera.parameters import free_columns, intrinsic_names
 
@@ -71,6 +72,18 @@ def test_equations_and_steps_of_the_twins_are_equal(model: str, weights: bool, s
         slow.accept()
         np.testing.assert_allclose(fast.state().R_rig, slow.state().R_rig, atol=1e-9)
         np.testing.assert_allclose(fast.state().R_views, slow.state().R_views, atol=1e-9)
+
+
+@pytest.mark.parametrize("model", ["brown", "fisheye"])
+def test_covariance_of_the_twins_is_equal(model: str) -> None:
+    bundle, state = rig_problem(model, 3, weights=False)
+    fast, slow = (engine(bundle, state).equations for engine in (CompiledEngine, NumpyEngine))
+    assert fast.factors is not None
+    assert slow.factors is None
+    a, b = bundle_covariance(bundle, state, fast), bundle_covariance(bundle, state, slow)
+    for name in ("shared", "shared_views", "views"):
+        x, y = getattr(a, name), getattr(b, name)
+        np.testing.assert_allclose(x, y, rtol=1e-5, atol=1e-7 * np.abs(y).max())
 
 
 @pytest.mark.parametrize("noise", [0.05, 1.0])
