@@ -455,3 +455,39 @@ def test_debug_shows_the_traceback(capfd: pytest.CaptureFixture[str], tmp_path: 
     err = capfd.readouterr().err
     assert "Traceback" in err
     assert "missing.png: does not exist" in err
+
+
+def test_crosscheck_says_what_is_missing(run: Any, photographs: Path, calibrated: Path, tmp_path: Path) -> None:
+    left, right, file = photographs / "left", photographs / "right", calibrated / "calibration.yml"
+    both = ("--left", left, "--right", right)
+    (tmp_path / "empty").mkdir()
+    for words, sentence in (
+        ((tmp_path / "empty",), "holds no calibration"),
+        ((file, "--right", right), "left photographs are missing"),
+        ((file, *both), "add --inner-corners 9x6 --square 25mm"),
+        ((file, "--left", left, "--right", tmp_path / "empty", *BOARD, "--square", "1"), "holds no photographs"),
+        (
+            (file, "--left", left, "--right", right, "--inner-corners", "8x7", "--square", "1"),
+            "is it 8x7 inner corners",
+        ),
+        ((file, "--left", tmp_path / "nothing", "--right", right, *BOARD, "--square", "1"), "does not exist"),
+    ):
+        answer = run("crosscheck", *words)
+        assert answer.code == 1
+        assert sentence in answer.err, answer.err
+
+
+def test_bench_says_what_is_wrong(run: Any, photographs: Path, tmp_path: Path) -> None:
+    scene = photographs / "scene"
+    for words, sentence in (
+        (("remap", "--with", "/no/python"), "cannot be started"),
+        (("remap", "--register", "remap=no_such_module:f"), "cannot be imported"),
+        (("remap", "--figure", tmp_path / "f.gif"), ".png, .svg or .pdf"),
+        (("--right", scene / "right.png"), "left photograph is missing"),
+        (("calibrate_camera", "--left", scene / "left.png"), "no benchmark of calibrate_camera"),
+        (("--left", scene / "left.png", "--with", "python"), "leave out --left"),
+    ):
+        answer = run("bench", *words)
+        assert answer.code == 1
+        assert sentence in answer.err, answer.err
+    assert not list(tmp_path.iterdir())

@@ -289,6 +289,25 @@ def test_fetch_finds_what_is_there_already(run: Any, data: Path, monkeypatch: py
     assert "opencv_sample" in unknown.err
 
 
+@pytest.mark.parametrize("name", ["ros", "mrcal"])
+def test_crosscheck_judges_files_of_other_tools_in_the_unit_of_the_board(
+    run: Any, photographs: Path, calibrated: Path, tmp_path: Path, name: str
+) -> None:
+    """ROS has metres, the board millimetres; both are folders. The calibration stays at its optimum."""
+    assert run("convert", calibrated, tmp_path / "rig", "--to", name).code == 0
+    words = ("--left", photographs / "left", "--right", photographs / "right", *BOARD, "--square", "25mm")
+    answer = run("crosscheck", tmp_path / "rig", *words, "--json")
+    assert answer.code == 0
+    judged = next(step for step in answer.json["steps"] if step["step"] == "the given calibration")
+    assert judged["agrees"]
+    assert "It is at the optimum" in judged["finding"]
+    exchanged = ("--left", photographs / "right", "--right", photographs / "left", *BOARD, "--square", "25mm")
+    if name == "ros":
+        answer = run("crosscheck", tmp_path / "rig", *exchanged, "--json")
+        judged = next(step for step in answer.json["steps"] if step["step"] == "the given calibration")
+        assert "swapped" in judged["finding"]
+
+
 def test_bench_compares_with_opencv(run: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from stereocal.workflow import benchmarks
 
