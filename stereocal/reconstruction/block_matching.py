@@ -188,12 +188,16 @@ def _match_by_kernels(
     """Write steps 2 to 7 into `disparity`, which enters as NaN."""
     checked = disp12_max_diff >= 0
     searched = _searched_columns(columns, disparity.shape[1], num_disparities, min_disparity, checked)
-    _mark_textured(filtered[0], cap, searched, rows, block_size // 2, texture_threshold, disparity)
+
+    def mark_textured(band: range) -> None:
+        _mark_textured(filtered[0], cap, searched, band, block_size // 2, texture_threshold, disparity)
+
     cost = np.empty(disparity.shape, np.int32) if checked else None
     slide_window(
         filtered[0], filtered[1], disparity, searched, rows,
         num_disparities=num_disparities, min_disparity=min_disparity, block_size=block_size,
-        peak=2 * cap, uniqueness_ratio=uniqueness_ratio, subpixel="opencv", cost=cost, threads=threads,
+        peak=2 * cap, uniqueness_ratio=uniqueness_ratio, subpixel="opencv", cost=cost, prepare=mark_textured,
+        threads=threads,
     )  # fmt: skip
     if cost is not None:
         _cross_check(cost, disp12_max_diff, searched, rows, disparity)

@@ -1,5 +1,10 @@
 # mypy: allow-untyped-defs
-"""Kernel of the weighted median."""
+"""Kernel of the weighted median.
+
+The values of a window need not be sorted to find the one at which the votes reach half. Take any of them as a pivot and
+count the votes below it, for it and above: that tells on which side the median lies, and the other side can be dropped.
+The few that are left are halved again (C. A. R. Hoare's selection, 1961), and the pixel itself is a good first guess.
+"""
 
 from __future__ import annotations
 
@@ -42,15 +47,24 @@ def weighted_median(disparity, guide, color_weight, space_weight, rows, out):
                     difference = abs(np.int64(guide[j, i]) - np.int64(guide[y, x]))
                     weight = color_weight[difference] * space_weight[j - y + radius, i - x + radius]
                     total += weight
-                    place = n  # insertion keeps the values in order: the window is small
-                    while place > 0 and values[place - 1] > value:
-                        values[place], weights[place] = values[place - 1], weights[place - 1]
-                        place -= 1
-                    values[place], weights[place] = value, weight
+                    values[n], weights[n] = value, weight
                     n += 1
-            reached = 0
-            for place in range(n):
-                reached += weights[place]
-                if 2 * reached >= total:
-                    out[y, x] = values[place]
+            pivot = disparity[y, x]
+            below = 0  # votes for the values that were dropped because they are too small
+            while True:
+                less, equal = below, 0
+                for k in range(n):
+                    less += weights[k] * (values[k] < pivot)
+                    equal += weights[k] * (values[k] == pivot)
+                lower = 2 * less >= total
+                if not lower and 2 * (less + equal) >= total:
                     break
+                below = below if lower else less + equal
+                kept = 0
+                for k in range(n):
+                    value = values[k]
+                    values[kept], weights[kept] = value, weights[k]
+                    kept += (value < pivot) if lower else (value > pivot)
+                n = kept
+                pivot = values[n // 2]
+            out[y, x] = pivot

@@ -11,6 +11,7 @@ inside; in the right image, the nearest place at which all D candidates are insi
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,7 @@ def slide_window(
     subpixel: str = "none",
     left_right: int = -1,
     cost: NDArray[np.int32] | None = None,
+    prepare: Callable[[range], None] | None = None,
     threads: int | None = None,
     vectors: bool = True,
 ) -> None:
@@ -68,6 +70,8 @@ def slide_window(
         The left-right check's tolerance, or −1.
     cost : ndarray of shape (H, W), int32, optional
         Receives the smallest sum.
+    prepare : callable, optional
+        What is to be done for a band of rows before it is matched, on the band's thread.
     threads : int, optional
         How many threads share the rows; None is one a core.
     vectors : bool
@@ -95,6 +99,8 @@ def slide_window(
         right = np.pad(right, ((0, 0), (0, lanes - num_disparities)))
 
     def match_band(band: range) -> None:
+        if prepare is not None:
+            prepare(band)
         if vectors:
             first = band.start
             for kind in (np.uint16, np.uint32) if sums_may_fit else (np.uint32,):
