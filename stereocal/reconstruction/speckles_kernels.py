@@ -23,7 +23,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from stereocal.reconstruction.vector_primitives import count_bits, lowest_bit
+from stereocal.reconstruction.vector_primitives import bits_equal, count_bits, load, lowest_bit
 
 
 @njit(cache=True, nogil=True)
@@ -88,13 +88,9 @@ def present(row, none, out):
 
 @njit(cache=True, nogil=True)
 def pack_bits(flags, words):
-    """Pack bytes of 0 and 1 into words of 64 bits, the first lowest; `flags` is (8 · len(words),) uint64 of 8 bytes."""
+    """Pack (64 · len(words),) bytes of 0 and 1 into words of 64 bits, the first lowest."""
     for w in range(len(words)):
-        word = np.uint64(0)
-        for i in range(8):  # the product moves the eight lowest bits of the bytes side by side to the top
-            eight = (flags[8 * w + i] * np.uint64(0x0102040810204080)) >> np.uint64(56)
-            word |= eight << np.uint64(8 * i)
-        words[w] = word
+        words[w] = bits_equal(load(flags, 64 * w, (0, 0, 0, 0)), 1)  # 4 · 16 lanes
 
 
 @njit(cache=True, nogil=True)
@@ -143,7 +139,6 @@ def label_runs(disparity, none, limit, alone, flags, words, before, start, lengt
     """
     height, width = disparity.shape
     n = words.shape[1]
-    bytes8 = flags.view(np.uint64)
     one, top = np.uint64(1), np.uint64(63)
     runs = 0
     words[:] = 0
@@ -153,13 +148,13 @@ def label_runs(disparity, none, limit, alone, flags, words, before, start, lengt
         J_above, B_above, S_above = words[last + 1], words[last + 2], words[last + 3]
         row = disparity[y]
         present(row, none, flags)
-        pack_bits(bytes8, V)
+        pack_bits(flags, V)
         joined(row[: width - 1], row[1:], none, limit, flags)
         flags[width - 1] = 0
-        pack_bits(bytes8, J)
+        pack_bits(flags, J)
         if y + 1 < height:
             joined(row, disparity[y + 1], none, limit, flags)
-            pack_bits(bytes8, B)
+            pack_bits(flags, B)
         else:
             B[:] = 0
 

@@ -335,6 +335,16 @@ def first_and_count_at_most(typingctx, vector, limit):
 
 
 @intrinsic
+def bits_equal(typingctx, vector, value):
+    """Which of at most 64 lanes equal `value`, as the bits of an uint64, lane 0 lowest."""
+
+    def codegen(context, builder, signature, args):
+        return _words(builder, "==", *args)[0]
+
+    return types.uint64(vector, value), codegen
+
+
+@intrinsic
 def where_at_most(typingctx, a, b, then, otherwise):
     """Lane by lane: `then` where a ≤ b, `otherwise` elsewhere."""
 
