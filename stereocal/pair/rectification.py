@@ -36,7 +36,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stereocal.base.checks import Float, as_image_size, require_choice
-from stereocal.base.errors import InputError
+from stereocal.base.errors import DegenerateGeometryError, InputError
 from stereocal.pair.rectification_advice import rig_warnings, view_warnings
 from stereocal.pair.rectified_view import (
     Size,
@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from stereocal.camera.model import Camera
     from stereocal.pair.rig import StereoRig
 
+_NOTHING_IN_COMMON = "this rig cannot be rectified such that both cameras fill a rectangle of the pictures"
 Maps = tuple[NDArray[np.float32], NDArray[np.float32]]
 
 
@@ -92,7 +93,8 @@ class Rectification:
     @cached_property
     def warnings(self) -> list[str]:
         """What is odd about this rig and what to do about it, a sentence each; empty for a healthy one."""
-        return rig_warnings(self) + view_warnings(self)
+        turned = rectifying_rotations(np.asarray(self.rig.R), np.ravel(self.rig.T))
+        return rig_warnings(self.rig, turned) + view_warnings(self)
 
     @cached_property
     def _maps(self) -> tuple[Maps, Maps]:
@@ -275,9 +277,14 @@ def rectify(
     across = 1 - axis
     f = (rig.left.K[across, across] + rig.right.K[across, across]) * (size[across] / old[across] / 2)
     sides = ((rig.left, turned.R1), (rig.right, turned.R2))
-    frame = _frame_as_opencv(sides, f, across, alpha, zero_disparity, size)
-    if view == "common":
-        frame = _frame_of_common_view(sides, f, across, zero_disparity, size)
+    if view == "opencv":
+        frame = _frame_as_opencv(sides, f, across, alpha, zero_disparity, size)
+    else:
+        try:
+            frame = _frame_of_common_view(sides, f, across, zero_disparity, size)
+        except DegenerateGeometryError as error:
+            causes = " ".join(rig_warnings(rig, turned))
+            raise DegenerateGeometryError(f"{_NOTHING_IN_COMMON}: {causes or error}") from error
     f *= frame.zoom
     P1, P2 = (np.column_stack([_pinhole(f, c), np.zeros(3)]) for c in frame.centres)
     P2[axis, 3] = b * f

@@ -30,27 +30,30 @@ from stereocal.base.rotations import rotation_vector
 if TYPE_CHECKING:
     from stereocal.camera.model import Camera
     from stereocal.pair.rectification import Rectification
+    from stereocal.pair.rectifying_rotations import RectifyingRotations
+    from stereocal.pair.rig import StereoRig
 
 _UPSIDE_DOWN, _ON_ITS_SIDE, _ALONG_VIEW, _CONVERGING = (float(np.radians(a)) for a in (135, 45, 40, 40))
 _LEAST_COMMON, _MOST_GHOSTS = 0.2, 0.01
 _GRID = 48
 
 
-def rig_warnings(result: Rectification) -> list[str]:
+def rig_warnings(rig: StereoRig, turned: RectifyingRotations) -> list[str]:
     """Say what is odd about how the cameras stand.
 
     Parameters
     ----------
-    result : Rectification
-        What to look at.
+    rig : StereoRig
+        The calibrated rig.
+    turned : RectifyingRotations
+        What rectifying it takes.
 
     Returns
     -------
     list of str
         A sentence or two each; empty for a healthy rig.
     """
-    R, T = np.asarray(result.rig.R), np.ravel(result.rig.T)
-    baseline = float((result.R2 @ T)[result.axis])
+    R, T = np.asarray(rig.R), np.ravel(rig.T)
     roll = abs(float(rotation_vector(R)[2]))
     if roll > _UPSIDE_DOWN:
         return [
@@ -63,21 +66,21 @@ def rig_warnings(result: Rectification) -> list[str]:
             "axis). Turn its images by a quarter (numpy.rot90) and calibrate again with the turned images."
         ]
     said = []
-    if result.axis == 1:
-        which = "below" if baseline > 0 else "above"
+    if turned.axis == 1:
+        which = "below" if turned.baseline > 0 else "above"
         said.append(
             f"The baseline is vertical (T = {_spelt(T)}; the first camera is {which} the second): epipolar lines are "
             "columns, and a matcher that searches along rows finds nothing. Turn both cameras' images by a quarter "
             "(numpy.rot90) and calibrate again, or transpose the rectified pictures before matching."
         )
-    elif baseline > 0:
+    elif turned.baseline > 0:
         said.append(
             f"The cameras are swapped: the one called left stands to the right of the other (T = {_spelt(T)}, "
             "T_x > 0). Depth is still right, but disparities are negative, and matchers that search from 0 up find "
             "nothing. Exchange the two: calibrate again with the folders exchanged (stereocal calibrate --swap)."
         )
     converging = float(np.arccos(np.clip(R[2, 2], -1, 1)))
-    aside = float(np.arccos(np.clip(result.R2[2, 2], -1, 1)))
+    aside = float(np.arccos(np.clip(turned.R2[2, 2], -1, 1)))
     if converging > _CONVERGING:
         said.append(
             f"The optical axes differ by {np.degrees(converging):.0f}°: the rectified pictures are stretched and share "

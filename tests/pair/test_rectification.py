@@ -222,8 +222,10 @@ def test_bad_input_is_refused_in_words() -> None:
         rectify(simple_rig(T=(0, 0, 0)))
     with pytest.raises(InputError, match=r"right image is 10x10.*640x480"):
         rectify(rig).apply(np.zeros((480, 640), np.uint8), np.zeros((10, 10), np.uint8))
-    with pytest.raises(DegenerateGeometryError, match="no part"):
-        rectify(simple_rig(R=(0, 1.5, 0)), view="common")
+    no_lens = {"dist": (), "model": "pinhole"}
+    for R, said in (((0, 1.5, 0), "optical axes differ by 86°"), ((0, 0, 3.1), "upside down"), ((0, 0, 1.6), "side")):
+        with pytest.raises(DegenerateGeometryError, match=f"cannot be rectified such that.*{said}"):
+            rectify(simple_rig(R=R, T=(-1, 3, 0) if said == "side" else (-3, 0, 0), **no_lens), view="common")
 
 
 @settings(max_examples=25)
