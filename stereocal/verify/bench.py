@@ -329,6 +329,29 @@ def markdown_table(results: Iterable[BenchResult]) -> str:
     return "\n".join(lines)
 
 
+def markdown_summary(columns: Mapping[str, Iterable[BenchResult | None]]) -> str:
+    """Return one row a kernel: how many cases, and the middle, the least and the largest ratio to each OpenCV.
+
+    Parameters
+    ----------
+    columns : mapping of str to results
+        The results by the version of OpenCV that they are beside, this environment first.
+    """
+    by_version = {version: [row for row in rows if row is not None] for version, rows in columns.items()}
+    kernels = list(dict.fromkeys(row.kernel for rows in by_version.values() for row in rows))
+    titles = ["kernel", "cases", *(f"time to OpenCV {version}'s: median (least–most)" for version in by_version)]
+    lines = [f"| {' | '.join(titles)} |", "|" + "---|" * len(titles)]
+    for kernel in kernels:
+        cells = []
+        for rows in by_version.values():
+            ratios = [row.ratio for row in rows if row.kernel == kernel]
+            spread = f" ({min(ratios):.2f}–{max(ratios):.2f})" if len(ratios) > 1 else ""
+            cells.append(f"{statistics.median(ratios):.2f}{spread}" if ratios else "–")
+        count = max(sum(row.kernel == kernel for row in rows) for rows in by_version.values())
+        lines.append(f"| {kernel} | {count} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
 def _cell(row: BenchResult, name: str) -> str:
     """One entry as Markdown; a bar must not end the cell."""
     if name == "spread":

@@ -16,7 +16,15 @@ from typing import Any
 from stereocal.base.atomic_files import write_whole
 from stereocal.base.errors import InputError
 from stereocal.store.images import read_image
-from stereocal.verify.bench import BenchResult, chosen, markdown_table, register, registered, run_case
+from stereocal.verify.bench import (
+    BenchResult,
+    chosen,
+    markdown_summary,
+    markdown_table,
+    register,
+    registered,
+    run_case,
+)
 from stereocal.verify.benchmark_worker import OtherEnvironment
 from stereocal.workflow.progress import Progress, Silent
 
@@ -81,8 +89,9 @@ class BenchRun:
         return entries
 
     def as_markdown(self) -> str:
-        """Return a line on the machine and the table; a table each for the other environments."""
-        parts = [self.machine, markdown_table(self.results)]
+        """Return a line on the machine, a row a kernel, and the table; a table each for the other environments."""
+        columns = {self.opencv_version: self.results} | {other.opencv_version: other.results for other in self.others}
+        parts = [self.machine, markdown_summary(columns), "Case by case:", markdown_table(self.results)]
         for other in self.others:
             parts += [f"The same with OpenCV {other.opencv_version}:", markdown_table(filter(None, other.results))]
         return "\n\n".join(parts) + "\n"

@@ -12,7 +12,15 @@ import pytest
 
 import stereocal as sc
 from stereocal.verify import bench
-from stereocal.verify.bench import BenchCase, BenchResult, all_cases, describe_agreement, markdown_table, run_case
+from stereocal.verify.bench import (
+    BenchCase,
+    BenchResult,
+    all_cases,
+    describe_agreement,
+    markdown_summary,
+    markdown_table,
+    run_case,
+)
 from stereocal.verify.benchmark_photographs import photograph_cases
 from stereocal.verify.benchmark_worker import OtherEnvironment
 from stereocal.verify.peak_memory import peak_megabytes
@@ -170,7 +178,7 @@ def test_run_writes_a_picture_and_a_table(tmp_path):
     table = (tmp_path / "t.md").read_text().splitlines()
     assert table[0] == run.machine
     assert cv2.__version__ in run.machine
-    assert len(table) == 2 + 2 + len(run.results)
+    assert len(table) == 2 + (2 + 7) + 3 + 2 + len(run.results)  # machine, a row a kernel, heading, a row a case
     with Image.open(tmp_path / "f.png") as picture:
         assert min(picture.size) > 300
     json.dumps(run.as_list())
@@ -182,6 +190,14 @@ def test_run_writes_a_picture_and_a_table(tmp_path):
 
 def _result(kernel: str, case: str, **more: object) -> BenchResult:
     return BenchResult(kernel, case, 1.0, 4.0, 0.25, "identical", 0.24, 0.27, **more)
+
+
+def test_summary_has_a_row_a_kernel_and_a_column_an_opencv():
+    rows = [_result("remap", "a"), _result("remap", "b"), _result("match_bm", "c")]
+    rows[1] = BenchResult("remap", "b", 3.0, 4.0, 0.75, "identical", 0.7, 0.8)
+    lines = markdown_summary({"5.0.0": rows, "4.14.0": [rows[0], None, None]}).splitlines()
+    assert lines[2] == "| remap | 2 | 0.50 (0.25–0.75) | 0.25 |"
+    assert lines[3] == "| match_bm | 1 | 0.25 | – |"
 
 
 def test_curves_are_of_cases_that_differ_in_one_thing():
