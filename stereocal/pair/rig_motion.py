@@ -69,12 +69,14 @@ def disagreement_findings(first: ViewPoses, second: ViewPoses, rig: Rig, noise: 
     stray = np.flatnonzero(errors > max(_GROSS_PIXELS, _GROSS_FACTOR * max(middle, noise)))
     keep = np.setdiff1d(here, stray)
     found: list[Finding] = []
-    knock = _knock(first, second, here, rig, noise)
+    knock, left_by_knock = _knock(first, second, here, rig, noise)
     if knock is not None:
-        return [knock]
+        late, left_by_lag = _late_shutter(first, second, here, rig, noise, bent)
+        # a board that is moved slowly and steadily, seen late, looks like a step; one number instead of seven wins
+        return [late if late is not None and left_by_lag <= left_by_knock else knock]
     if len(stray) > 0.3 * len(here) or len(keep) < _MIN_VIEWS:
         keep, stray = here, stray[:0]
-    late = _late_shutter(first, second, keep, rig, noise, bent)
+    late, _ = _late_shutter(first, second, keep, rig, noise, bent)
     if len(stray):
         found.append(
             Finding(
@@ -90,8 +92,8 @@ def disagreement_findings(first: ViewPoses, second: ViewPoses, rig: Rig, noise: 
     return found + ([late] if late is not None else [])
 
 
-def _knock(first: ViewPoses, second: ViewPoses, here: Turns, rig: Rig, noise: float) -> Finding | None:
-    """Compare one rig for all views with one before and another after each moment."""
+def _knock(first: ViewPoses, second: ViewPoses, here: Turns, rig: Rig, noise: float) -> tuple[Finding | None, float]:
+    """Compare one rig for all views with one before and another after each moment; return χ² left, too."""
     arms = first.centres @ rig[0].T
     xi, covariances = deviation(first, second, here, here, rig)
     _, whole = common_motion(xi, covariances, arms)
@@ -102,7 +104,7 @@ def _knock(first: ViewPoses, second: ViewPoses, here: Turns, rig: Rig, noise: fl
         if sum(parts) < best:
             best, moment = sum(parts), s
     if moment < 0:
-        return None
+        return None, best
     freedom = 6 * len(here) - 12
     strength = (whole - best) / 6 / max(best / freedom, 1.0)
     share = (whole - best) / max(whole, 1e-300)
@@ -113,8 +115,8 @@ def _knock(first: ViewPoses, second: ViewPoses, here: Turns, rig: Rig, noise: fl
     depth = float(np.median(second.centres[:, 2]))
     pixels = f * float(np.hypot(np.linalg.norm(change[:3]), np.linalg.norm(change[3:]) / depth))
     if strength < _STEP_F or share < _STEP_SHARE or pixels < _STEP_NOISE * noise:
-        return None
-    return Finding(
+        return None, best
+    finding = Finding(
         "knocked",
         tuple(range(moment, len(here))),
         f"A camera moved between pair {moment} and pair {moment + 1}: from there on the right camera stands turned "
@@ -123,12 +125,13 @@ def _knock(first: ViewPoses, second: ViewPoses, here: Turns, rig: Rig, noise: fl
         "Calibrate from the pairs after it (if the rig has not moved since), and fix the cameras to one another.",
         float(strength),
     )
+    return finding, best
 
 
 def _late_shutter(
     first: ViewPoses, second: ViewPoses, keep: Turns, rig: Rig, noise: float, bent: bool
-) -> Finding | None:
-    """Compare the deviations with the board's way from view to view."""
+) -> tuple[Finding | None, float]:
+    """Compare the deviations with the board's way from view to view; return χ² left, too."""
     R = rig[0]
     xi, covariances = deviation(first, second, keep, keep, rig)
     arms = first.centres[keep] @ R.T
@@ -144,7 +147,7 @@ def _late_shutter(
     freedom = residual.size - 7
     strength = (before - after) / max(after / freedom, 1.0)
     if strength > _LAG_F and (before - after) / max(before, 1e-300) > _LAG_SHARE and abs(lag) > _LEAST_LAG:
-        return Finding(
+        finding = Finding(
             "synchronisation",
             tuple(int(i) for i in keep),
             f"The two cameras did not expose at the same moment: the board is seen {abs(lag):.2f} of a picture's "
@@ -153,10 +156,11 @@ def _late_shutter(
             "hold the board still for each pair.",
             float(strength),
         )
+        return finding, after
     errors = predicted_errors(first, second, keep, keep, rig)
     scatter = before / freedom
     if not bent and float(np.median(errors)) > _SCATTER_PIXELS * noise and scatter > _SCATTER:
-        return Finding(
+        finding = Finding(
             "synchronisation",
             tuple(int(i) for i in keep),
             f"The pairs disagree about the rig, each in its own way: the left views predict the right corners "
@@ -166,7 +170,8 @@ def _late_shutter(
             "still for each pair.",
             float(scatter),
         )
-    return None
+        return finding, after
+    return None, after
 
 
 def _way(poses: ViewPoses, keep: Turns) -> Float:
