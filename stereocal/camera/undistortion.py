@@ -115,14 +115,16 @@ def undistortion_maps(
     out_size : (int, int), optional
         Width and height of the new picture.
     backend : {"numba", "numpy"}
-        The kernel (OpenCV's family of lenses without skew), or the readable reference, which takes every model.
+        The kernel (OpenCV's family of lenses and the fisheye, without skew), or the readable reference, which takes
+        every model.
     out : tuple of two ndarrays of shape (height, width), float32, optional
         Where to write the maps: fresh memory costs more time than the maps themselves.
 
     Returns
     -------
     map_x, map_y : ndarray of shape (height, width), float32
-        Pixels of the photograph; NaN where the model has no answer.
+        Pixels of the photograph; NaN where the model has no answer. Rays from behind the camera are NaN for the
+        fisheye; OpenCV's family mirrors them, as OpenCV does.
 
     Raises
     ------
@@ -158,25 +160,31 @@ def undistortion_maps(
         out = map_x, map_y
     elif any(m.shape != (height, width) or m.dtype != np.float32 or not m.flags.c_contiguous for m in out):
         raise InputError(f"out must be two contiguous float32 arrays of shape ({height}, {width})")
-    if backend == "numba" and k is not None and K[0, 1] == 0:
-        _run_kernel(new, turn, k, K, out)
+    if backend == "numba" and (k is not None or model == "fisheye") and K[0, 1] == 0:
+        _run_kernel(new, turn, k, dist, K, out)
     else:
         _maps_by_reference(inverse_of_new_camera(new, turn), dist, model, K, out)
     return out
 
 
-def _run_kernel(P: Float, R: Float, k: Float, K: Float, out: tuple[Map, Map]) -> None:
-    from stereocal.camera.undistortion_kernels import lens_maps
+def _run_kernel(P: Float, R: Float, k: Float | None, dist: ArrayLike | None, K: Float, out: tuple[Map, Map]) -> None:
+    """Fill the maps of OpenCV's family (k), or of the fisheye (dist, where k is None)."""
+    from stereocal.camera import undistortion_kernels as kernels
 
     (fx, _, cx), (_, fy, cy), _ = K.tolist()
-    listed = k.tolist()
-    tilt = _IDENTITY
-    if any(listed[12:]):
-        pixels = np.array([fx, fy, 1.0])
-        tilt = pixels[:, None] * tilt_matrix(*listed[12:]) / pixels
-    # as many coefficients as count: five, eight, twelve, fourteen
-    lens = (0,) * sum(any(listed[first:]) for first in (5, 8, 12))
-    determinant = lens_maps(P, R, k, tilt, fx, fy, cx, cy, lens, *out)
+    if k is None:
+        from stereocal.camera.distortion import as_distortion
+
+        determinant = kernels.fisheye_maps(P, R, as_distortion(dist, "fisheye"), fx, fy, cx, cy, *out)
+    else:
+        listed = k.tolist()
+        tilt = _IDENTITY
+        if any(listed[12:]):
+            pixels = np.array([fx, fy, 1.0])
+            tilt = pixels[:, None] * tilt_matrix(*listed[12:]) / pixels
+        # as many coefficients as count: five, eight, twelve, fourteen
+        lens = (0,) * sum(any(listed[first:]) for first in (5, 8, 12))
+        determinant = kernels.lens_maps(P, R, k, tilt, fx, fy, cx, cy, lens, *out)
     if determinant == 0 or not isfinite(determinant):
         raise InputError(_NO_INVERSE)
 
@@ -189,6 +197,8 @@ def _maps_by_reference(B: Float, dist: ArrayLike | None, model: str, K: Float, o
     u = np.arange(width, dtype=float)
     for v in range(height):
         rays = np.stack([u, np.full(width, float(v)), np.ones(width)]).T @ B.T
+        if model == "fisheye":
+            rays[rays[:, 2] <= 0] = np.nan
         seen = to_pixels(distort_normalized(rays[:, :2] / rays[:, 2:], dist, model), K)
         map_x[v], map_y[v] = seen.T
 

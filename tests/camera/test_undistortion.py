@@ -82,8 +82,22 @@ def test_fisheye_maps_equal_opencv(seed) -> None:
     P = np.array([[180.0, 0, 300], [0, 180, 200], [0, 0, 1]])
     theirs = cv2.fisheye.initUndistortRectifyMap(K, k, R, P, (64, 48), cv2.CV_32FC1)
     ours = undistortion_maps(K, k, (64, 48), R=R, P=P, model="fisheye")
-    for a, b in zip(ours, theirs, strict=True):
+    reference = undistortion_maps(K, k, (64, 48), R=R, P=P, model="fisheye", backend="numpy")
+    for a, b, c in zip(ours, theirs, reference, strict=True):
         np.testing.assert_allclose(a, b, atol=1e-4)
+        assert np.all(np.abs(a - c) <= np.spacing(np.abs(c)))
+
+
+@pytest.mark.parametrize("backend", ["numba", "numpy"])
+def test_a_fisheye_shows_nothing_twice(backend) -> None:
+    """Turned by 100°, half of the picture looks behind the camera: no mirror image there, but NaN."""
+    K = np.array([[30.0, 0, 32], [0, 30, 24], [0, 0, 1]])
+    R = rotation_matrix([0, np.radians(100), 0])
+    x, y = undistortion_maps(K, [0.01, 0, 0, 0], (64, 48), R=R, model="fisheye", backend=backend)
+    behind = (np.linalg.inv(K @ R) @ [[0.0, 63], [24, 24], [1, 1]])[2] <= 0
+    assert behind.tolist() in ([True, False], [False, True])
+    np.testing.assert_array_equal(np.isnan(x[24, [0, 63]]), behind)
+    np.testing.assert_array_equal(np.isnan(x), np.isnan(y))
 
 
 @given(tau_x=st.floats(-0.5, 0.5), tau_y=st.floats(-0.5, 0.5))
