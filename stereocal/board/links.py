@@ -6,7 +6,7 @@ whole way the one side is lighter than the other. The last test is what makes it
 the colours change sides, so a way that skips a corner fails it. Of several neighbours the nearest is taken, and links
 must be mutual.
 
-With the edge angle t of a and d = b - a, "points to" is d . (cos t, sin t) >= cos(tolerance) |d|. Edges are numbered so
+With the edge angle t of a and d = b - a, "points to" is ``d . (cos t, sin t) >= cos(tolerance) |d|``. Edges are numbered so
 that even ones have the dark on their right (seen on the picture, y down): seen from the other end the dark is on the
 left, so even edges lead to odd ones.
 

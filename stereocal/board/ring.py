@@ -1,14 +1,14 @@
 """The ring test: does a saddle look like the crossing of two edges all the way round?
 
 Noise, texture and letters have saddle points too. On a circle of radius 4 around an inner corner one meets dark, light,
-dark, light. So the samples of G on the circle, v_k at the angles 2 pi k / 32, have to
+dark, light. So the samples of G on the circle, v(k) at the angles 2 pi k / 32, have to
 
 1. reach over at least a few grey levels, from darkest to lightest;
 2. cross the middle grey m = (min v + max v) / 2 exactly four times;
 3. cross it at opposite angles (t2 = t0 + pi, t3 = t1 + pi, to 26 degrees) that leave every square 17 degrees and more;
 4. look the same half a turn on. Split into an even and an odd part under that half turn,
 
-       sum (v_k - v_(k+16))^2 <= 0.35 sum (v_k + v_(k+16) - 2 m)^2,
+       sum (v(k) - v(k+16))^2 <= 0.35 sum (v(k) + v(k+16) - 2 m)^2,
 
    the *symmetry test*: an L-corner or the end of a line is odd, a crossing is even.
 
