@@ -6,9 +6,9 @@ whole way the one side is lighter than the other. The last test is what makes it
 the colours change sides, so a way that skips a corner fails it. Of several neighbours the nearest is taken, and links
 must be mutual.
 
-With the edge angle t of a and d = b - a, "points to" is ``d . (cos t, sin t) >= cos(tolerance) |d|``. Edges are numbered so
-that even ones have the dark on their right (seen on the picture, y down): seen from the other end the dark is on the
-left, so even edges lead to odd ones.
+With the edge angle t of a and d = b - a, "points to" is ``d . (cos t, sin t) >= cos(tolerance) |d|``. Edges are
+numbered so that even ones have the dark on their right (seen on the picture, y down): seen from the other end the dark
+is on the left, so even edges lead to odd ones.
 
 **Cells.** A link is trusted if it is a side of a closed cell: four links, turning the same way at each corner, lead
 back to the start. Chance links between letters and furniture close no cells.
