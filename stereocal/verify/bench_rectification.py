@@ -22,7 +22,9 @@ from stereocal.verify.bench import BenchCase
 _LENSES: dict[str, list[float]] = {
     "brown": [-0.3, 0.1, 0.001, 0.002, -0.01],
     "rational": [-0.2, 0.05, 0.001, 0.002, 0, 0.05, 0.01, 0.002],
+    "thin_prism": [-0.2, 0.05, 0.001, 0.002, 0, 0.05, 0.01, 0.002, 0.001, 0.002, 0.001, 0.002],
     "tilted": [-0.2, 0.05, 0.001, 0.002, 0, 0.05, 0.01, 0.002, 0.001, 0.002, 0.001, 0.002, 0.01, 0.02],
+    "fisheye": [0.02, -0.01, 0.003, -0.001],
 }
 _FLAGS = {"bilinear": cv2.INTER_LINEAR, "nearest": cv2.INTER_NEAREST, "bicubic": cv2.INTER_CUBIC}
 
@@ -30,7 +32,7 @@ _FLAGS = {"bilinear": cv2.INTER_LINEAR, "nearest": cv2.INTER_NEAREST, "bicubic":
 def cases() -> list[BenchCase]:
     """Return the cases of maps, remap and rectify."""
     found = [_maps("brown", size) for size in ((640, 480), (1280, 960), (1920, 1080))]
-    found += [_maps(lens, (640, 480)) for lens in ("rational", "tilted")]
+    found += [_maps(lens, (640, 480)) for lens in ("rational", "thin_prism", "tilted", "fisheye")]
     for kind in ("uint8", "uint16", "float32"):
         found += [_remap((640, 480), kind, channels, "bilinear") for channels in (1, 3)]
     found += [_remap((1920, 1080), "uint8", channels, "bilinear") for channels in (1, 3)]
@@ -50,11 +52,12 @@ def _maps(lens: str, size: tuple[int, int]) -> BenchCase:
     R = rotation_matrix([0.01, 0.03, -0.02])
     K, dist = np.array(camera.K), np.array(camera.dist)
     ours, theirs = (tuple(np.zeros(size[::-1], np.float32) for _ in "xy") for _ in range(2))
+    opencv = cv2.fisheye.initUndistortRectifyMap if lens == "fisheye" else cv2.initUndistortRectifyMap
     return BenchCase(
         "undistortion_maps",
         f"{size[0]}x{size[1]}, {lens}",
         lambda: undistortion_maps(K, dist, size, R=R, P=K, model=lens, out=(ours[0], ours[1])),
-        lambda: cv2.initUndistortRectifyMap(K, dist, R, K, size, cv2.CV_32FC1, *theirs),
+        lambda: opencv(K, dist, R, K, size, cv2.CV_32FC1, *theirs),
         _pixels_that_differ,
         lambda: ((K, dist, size), {"R": R, "P": K, "model": lens}),
     )
