@@ -125,7 +125,7 @@ def as_distortion(dist: ArrayLike | None, model: str = "brown") -> Float:
     except (TypeError, ValueError) as error:
         raise InputError("dist must be a list of numbers") from error
     require_finite(given, "dist")
-    if given[len(k) :].any():
+    if len(given) > len(k) and given[len(k) :].any():
         names = " ".join(chosen.parameter_names) or "none"
         raise InputError(f"dist holds {len(given)} coefficients, but model {model!r} has {len(k)} ({names})")
     k[: min(len(given), len(k))] = given[: len(k)]
