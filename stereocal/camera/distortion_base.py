@@ -97,11 +97,15 @@ class BackwardModel(DistortionModel):
     def undistort_jacobians(self, x_d: Float, k: Float) -> tuple[Float, Float, Float]:
         """Return x_u (N, 2), ∂x_u/∂x_d (N, 2, 2) and ∂x_u/∂k (N, 2, n)."""
 
+    def undistort_slope(self, x_d: Float, k: Float) -> tuple[Float, Float]:
+        """Return x_u and ∂x_u/∂x_d alone, which is what the inversion asks for, many times."""
+        return self.undistort_jacobians(x_d, k)[:2]
+
     def distort(self, x: Float, k: Float) -> Float:
         """Return x_d with undistort(x_d, k) = x, to 1e-12; NaN outside the region where the model can be undone."""
         from stereocal.camera.distortion_inverse import invert_map
 
-        return invert_map(lambda x_d: self.undistort_jacobians(x_d, k)[:2], x)
+        return invert_map(lambda x_d: self.undistort_slope(x_d, k), x)
 
     def jacobians(self, x: Float, k: Float) -> tuple[Float, Float, Float]:
         """Return x_d, ∂x_d/∂x = G⁻¹ and ∂x_d/∂k = −G⁻¹ ∂g/∂k."""

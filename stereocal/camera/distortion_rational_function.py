@@ -47,22 +47,26 @@ class RationalFunction(BackwardModel):
 
     def undistort_jacobians(self, x_d: Float, k: Float) -> tuple[Float, Float, Float]:
         """Return x_u = h₁₂/h₃, and dx_u = (dh₁₂ − x_u dh₃) / h₃ by x_d and by W."""
-        W = k.reshape(3, 6)
+        x_u, J = self.undistort_slope(x_d, k)
         chi = _monomials(x_d)
-        h = chi @ W.T
         with np.errstate(all="ignore"):
-            x_u = h[:, :2] / h[:, 2:]
-            chi_h = chi / h[:, 2:]
-            x, y = x_d[:, 0], x_d[:, 1]
-            zero, one = np.zeros_like(x), np.ones_like(x)
-            chi_x = np.stack([np.stack([2 * x, y, zero, one, zero, zero], 1),
-                              np.stack([zero, x, 2 * y, zero, one, zero], 1)], axis=2)  # fmt: skip
-            dh = W @ chi_x
-            J = (dh[:, :2] - x_u[:, :, None] * dh[:, 2:]) / h[:, 2, None, None]
+            chi_h = chi / (chi @ k[12:, None])
         J_k = np.zeros((len(x_d), 2, 18))
         J_k[:, 0, 0:6] = J_k[:, 1, 6:12] = chi_h
         J_k[:, :, 12:] = -x_u[:, :, None] * chi_h[:, None, :]
         return x_u, J, J_k
+
+    def undistort_slope(self, x_d: Float, k: Float) -> tuple[Float, Float]:
+        """Return x_u and dx_u by x_d: dh = W dχ, dχ = (2x, y, 0, 1, 0, 0) dx + (0, x, 2y, 0, 1, 0) dy."""
+        W = k.reshape(3, 6)
+        h = _monomials(x_d) @ W.T
+        x, y = x_d[:, :1], x_d[:, 1:]
+        by_x = 2 * x * W[:, 0] + y * W[:, 1] + W[:, 3]
+        by_y = x * W[:, 1] + 2 * y * W[:, 2] + W[:, 4]
+        with np.errstate(all="ignore"):
+            x_u = h[:, :2] / h[:, 2:]
+            J = np.stack([by_x[:, :2] - x_u * by_x[:, 2:], by_y[:, :2] - x_u * by_y[:, 2:]], axis=2) / h[:, 2:, None]
+        return x_u, np.asarray(J)
 
 
 def _monomials(x: Float) -> Float:

@@ -4,7 +4,10 @@
 a fit of that polynomial, and then the model's own k, and a scale a of the focal length, that draw the corners seen
 where the polynomial draws them,
 
-    min over a, k of  Σ ‖a·x_d(x; k) − x_d(x; k1, k2)‖².
+    min over a, k of  Σ ‖a·x_d(x; k) − x_d(x; k1, k2)‖²,
+
+or, for models that give the ideal point x_u(x_d; k) explicitly, Σ ‖x_u(x_d(x; k1, k2) / a; k) − x‖², which needs no
+inversion.
 
 **From a smaller model.** OpenCV's models contain each other: rational is Brown's with k4, k5, k6, and so on. The
 optimum of the smaller one, the further coefficients 0, is a start that a fit can only improve on. For a tilted sensor
@@ -25,7 +28,7 @@ from stereocal.base.least_squares import minimize_least_squares
 from stereocal.camera.bundle import Bundle, BundleState
 from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
 from stereocal.camera.distortion import distortion_model
-from stereocal.camera.distortion_base import DistortionModel
+from stereocal.camera.distortion_base import BackwardModel, DistortionModel
 from stereocal.camera.distortion_polynomial import Polynomial
 from stereocal.camera.parameters import free_columns, intrinsic_names
 
@@ -33,6 +36,9 @@ from stereocal.camera.parameters import free_columns, intrinsic_names
 SMALLER = {"rational": "brown", "thin_prism": "rational", "tilted": "thin_prism"}
 
 _PRISM = {"s1", "s2", "s3", "s4"}
+
+# Points at which two lenses' curves are compared: a few hundred tell as much as all.
+_ENOUGH_POINTS = 300
 
 
 def state_of(K: Float, R: Float, t: Float, k: Float) -> BundleState:
@@ -102,11 +108,14 @@ def convert_lens(target: DistortionModel, k12: Float, x: Float) -> tuple[Float, 
     k = target.start()
     if not free.any():
         return k, 1.0
+    x = x[:: max(1, len(x) // _ENOUGH_POINTS)]
     wanted = Polynomial().distort(x, k12)
 
     def curve(p: Float) -> Float:
         trial = k.copy()
         trial[free] = p[1:]
+        if isinstance(target, BackwardModel):
+            return np.asarray((target.undistort(wanted / p[0], trial) - x).ravel())
         return np.asarray((p[0] * target.distort(x, trial) - wanted).ravel())
 
     fit = minimize_least_squares(curve, np.concatenate([[1.0], k[free]]), max_iterations=60)
