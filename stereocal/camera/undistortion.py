@@ -133,7 +133,8 @@ def undistortion_maps(
 
     Notes
     -----
-    Answers to ``cv2.initUndistortRectifyMap`` with ``m1type=CV_32FC1``: equal to the last bit. For the fisheye model
+    Answers to ``cv2.initUndistortRectifyMap`` with ``m1type=CV_32FC1``: equal to the last bit, but for about one value
+    in a hundred million, where rounding decides between two neighbouring float32 numbers. For the fisheye model
     ``cv2.fisheye.initUndistortRectifyMap`` (1e-4 px).
 
     Examples
