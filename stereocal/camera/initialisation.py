@@ -8,7 +8,8 @@ Candidates are
 2. Zhang's closed form with the principal point at the middle of the image, fx and fy free;
 3. a focal-length search: fx = fy = 0.25 … 8 image widths, in steps of 2^¼, principal point in the middle: all
    local minima;
-4. the last of these, its lens k1, k2 fitted with the principal point held, before everything is let go.
+4. the best of these, its lens k1, k2 fitted with the principal point held, before everything is let go;
+5. the same focal length with the principal point away from the middle, towards each corner of the image.
 
 The first is right for good views of a mild lens. Noise, small tilts and strong distortion throw it off (B is not
 positive definite, or the principal point lands outside of the image) and the others stand in: a fixed focal length
@@ -54,6 +55,8 @@ _DIRECT_START = ("pinhole", "polynomial", "brown", "rational", "thin_prism", "ti
 _MANY_STEPS = 20
 _UNSURE = 0.01
 _REVERSALS = 5
+# How far from the middle, as a part of the image, the principal point is put where it is in doubt.
+_AWAY = 0.2
 # Times the median RMS of the views, beyond which a view may be in another minimum than the rest.
 _OUTLYING = 3.0
 # From this number of views on, a part of them, about so many, gives the camera to begin with.
@@ -340,12 +343,18 @@ def _starting_states(
     for start in closed_form_starts(H, image_size, aspect_ratio):
         yield begin(start)
         if lens.name == "tilted":
-            return  # its steps are not compiled: three starts are enough
+            return  # the two from its smaller models are the better ones
     found = focal_search(H, bundle, image_size, aspect_ratio)
     for start in found:
         yield begin(start)
     for start in found[:1]:
         yield staged(start, hold_centre=True)
+    if direct and lens.name not in SMALLER and not {"cx", "cy"} & held:
+        for start in found[:1]:
+            for x, y in ((-1, -1), (1, -1), (-1, 1), (1, 1)):
+                K = start.K.copy()
+                K[:2, 2] = middle[0] + x * _AWAY * image_size[0], middle[1] + y * _AWAY * image_size[1]
+                yield begin(Start(K, *poses_of_homographies(K, H), np.nan))
 
 
 def plausible(fx: float, fy: float, cx: float, cy: float, image_size: tuple[int, int], margin: float = 0.25) -> bool:
