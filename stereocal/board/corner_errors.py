@@ -134,7 +134,7 @@ def judge_corners(
     A = _roughness(shape, 5, 4)
     if A is None or np.count_nonzero(aside) > n // 2:
         return CornerErrors(1.0, aside, np.zeros((n, 2)))
-    spread = np.where(known, spread, np.median(spread[known]))
+    spread = np.where(known, spread, median(spread[known]))
     # about the middle, or the digits of large coordinates are lost
     middle = corners - corners[~aside].mean(axis=0)
     adjacent = correlation / 2 * _adjacent(shape)
@@ -163,7 +163,7 @@ def _judge(corners: Float, spread: Float, A: Float, adjacent: Float, aside: NDAr
         score = np.where(strays, 0.0, size / (squared * spread))
         trace = float(np.trace(left))
         without = (S - size / own) / (expected * np.maximum(1 - squared / (own * trace), 0.05))
-        level = np.minimum(without, float(np.median(score[~strays])) / 1.386)
+        level = np.minimum(without, median(score[~strays]) / 1.386)
         score = score / np.maximum(level, 0.1)
         worst = int(np.argmax(score))
         if score[worst] < STRAY or s.size > len(corners) // 3:
@@ -174,6 +174,11 @@ def _judge(corners: Float, spread: Float, A: Float, adjacent: Float, aside: NDAr
     if s.size:
         distances[s] = np.linalg.lstsq(A[np.ix_(s, s)], A[s] @ corners, rcond=None)[0]
     return CornerErrors(S / expected + 2 / freedom, strays, distances)
+
+
+def median(values: Float) -> float:
+    """Return the median, of two in the middle the larger: of a few dozen values ten times sooner than numpy.median."""
+    return float(np.sort(values)[len(values) // 2])
 
 
 def _weights(left: Float, adjacent: Float) -> Float:

@@ -52,7 +52,7 @@ from stereocal.base.checks import Float, as_points
 from stereocal.base.errors import InputError
 from stereocal.base.gray import to_gray
 from stereocal.board.chessboard import Chessboard, as_inner_corners
-from stereocal.board.corner_errors import judge_corners
+from stereocal.board.corner_errors import judge_corners, median
 from stereocal.board.subpixel_geometry import grid_steps, light_slopes
 from stereocal.board.subpixel_masks import FitInputs, fit_suspects
 
@@ -133,9 +133,12 @@ def fit_corner_grid(
     else:
         width = np.full(n, blur)
     half = _window(np.maximum(FIRST_HALF_WINDOW, 11.0 / shortest), HALF_WINDOW, length)
-    zero, all_pixels = np.zeros((n, 2)), np.zeros(n)
+    zero, no_limit, all_pixels = np.zeros((n, 2)), np.zeros(n), np.ones(n, np.int64)
+    # the first fit is a start for the second: of a large window some of the pixels will do
+    area = 4 * half * half * np.abs(steps[:, 0] * steps[:, 3] - steps[:, 1] * steps[:, 2])
+    sparse = np.where(area > 1000, 4, np.where(area > 250, 2, 1))
     if blur is None and n > 2 * _FEW:
-        width = np.minimum(width, _blur_of_a_few(gray, given, steps, half, width, shortest))
+        width = np.minimum(width, _blur_of_a_few(gray, given, steps, half, width, shortest, sparse))
     fit_saddles(
         gray,
         given,
@@ -148,7 +151,8 @@ def fit_corner_grid(
         True,
         2e-2,
         12,
-        all_pixels,
+        no_limit,
+        sparse,
         theta,
         covariance,
         info,
@@ -159,27 +163,52 @@ def fit_corner_grid(
     if near.any():
         _calm(theta, near)
     if half_window is None:
-        half_window = _half_window(covariance[near], half[near], theta[near, 4], shortest[near])
+        half_window = _half_window(
+            covariance[near] / sparse[near, None, None], half[near], theta[near, 4], shortest[near]
+        )
     steps, bends = _flat_steps(points, shape)
     half = _window(np.full(n, half_window), half_window, np.hypot(steps[:, ::2], steps[:, 1::2]))
     light = light_slopes(np.stack([theta[:, 5], np.abs(theta[:, 6])], -1).reshape(*shape, 2)).reshape(-1, 5)
     band = 2 * theta[:, 4] + 1
     fit_saddles(
-        gray, points, steps, bends, half, band, light, width, False, 2e-3, 15, all_pixels, theta, covariance, info
+        gray,
+        points,
+        steps,
+        bends,
+        half,
+        band,
+        light,
+        width,
+        False,
+        2e-3,
+        15,
+        no_limit,
+        all_pixels,
+        theta,
+        covariance,
+        info,
     )
     late = np.nonzero(info[:, 2] == 0)[0]
     if late.size:  # where the picture is not the model's (overexposed, in a shadow's edge) the way may be long
         again = [np.ascontiguousarray(a[late]) for a in (points, steps, bends, half, band, light, width)]
         results = [theta[late], covariance[late], info[late]]
-        fit_saddles(gray, *again, False, 2e-3, 100, all_pixels[late], *results)
+        fit_saddles(gray, *again, False, 2e-3, 100, no_limit[late], all_pixels[late], *results)
         theta[late], covariance[late], info[late] = results
     inputs = FitInputs(points, steps, bends, half, band, light, width)
     doubtful = fit_suspects(gray, (shape[0], shape[1]), inputs, (theta, covariance, info))
     converged = (info[:, 2] > 0) & (np.hypot(*(theta[:, :2] - given).T) < 0.35 * shortest)
-    return _with_honest_covariances((theta, covariance, info), converged, doubtful, shape, float(np.median(half)))
+    return _with_honest_covariances((theta, covariance, info), converged, doubtful, shape, median(half))
 
 
-def _blur_of_a_few(gray: NDArray[Any], given: Float, steps: Float, half: Float, width: Float, shortest: Float) -> float:
+def _blur_of_a_few(
+    gray: NDArray[Any],
+    given: Float,
+    steps: Float,
+    half: Float,
+    width: Float,
+    shortest: Float,
+    sparse: NDArray[np.int64],
+) -> float:
     """Start of s for all: that of a few corners, fitted first from far above.
 
     The bands along the lines are as wide as the blur may be. Once it is known, most of their pixels can be left out,
@@ -192,7 +221,7 @@ def _blur_of_a_few(gray: NDArray[Any], given: Float, steps: Float, half: Float, 
     corners, steps, half, width = given[few], steps[few], half[few], width[few]
     theta, covariance, info, no_light = np.empty((_FEW, 7)), np.empty((_FEW, 2, 2)), np.empty((_FEW, 4)), (_FEW, 5)
     frame = (corners, steps, np.zeros((_FEW, 2)), half, 2 * width + 2, np.zeros(no_light), width)
-    fit_saddles(gray, *frame, True, 5e-2, 12, np.zeros(_FEW), theta, covariance, info)
+    fit_saddles(gray, *frame, True, 5e-2, 12, np.zeros(_FEW), sparse[few], theta, covariance, info)
     near = np.hypot(*(theta[:, :2] - corners).T) < 0.35 * shortest[few]
     s = np.sort(np.abs(theta[near, 4]))
     return max(1.2, 1.2 * float(s[len(s) // 2])) if s.size else np.inf
@@ -207,7 +236,7 @@ def _calm(theta: Float, near: NDArray[np.bool_]) -> None:
     signs = np.where(theta[:, 6] < 0, -1, 1)
     theta[:, 4] = np.where(near, np.abs(theta[:, 4]), abs(typical[4]))
     theta[:, 5] = np.where(near, theta[:, 5], typical[5])
-    theta[:, 6] = np.where(near, theta[:, 6], signs * np.median(np.abs(theta[near, 6])))
+    theta[:, 6] = np.where(near, theta[:, 6], signs * median(np.abs(theta[near, 6])))
 
 
 def _half_window(covariance: Float, half: Float, s: Float, shortest: Float) -> float:
@@ -216,8 +245,8 @@ def _half_window(covariance: Float, half: Float, s: Float, shortest: Float) -> f
     spread = spread[np.isfinite(spread)]
     if not spread.size:
         return HALF_WINDOW
-    wide = (0.13 * float(np.median(spread)) / BEND_ERROR**2) ** 0.2
-    free = 1 - 2.2 * float(np.median(s / shortest))
+    wide = (0.13 * median(spread) / BEND_ERROR**2) ** 0.2
+    free = 1 - 2.2 * median(s / shortest)
     return max(HALF_WINDOW, min(wide, WIDEST_HALF_WINDOW, free))
 
 

@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocal.base.checks import Float
+from stereocal.board.corner_errors import median
 
 SUSPECT = 2.2
 """A corner is suspect whose residuals are this many times the board's median, and more than `SUSPECT_SHARE` of b."""
@@ -87,8 +88,8 @@ def fit_suspects(
     fitted = info[:, 2] > 0
     if not fitted.any():
         return np.zeros(len(theta), np.bool_)
-    usual = float(np.median(noise[fitted]))
-    limit = max(SUSPECT * usual, SUSPECT_SHARE * float(np.median(np.abs(theta[fitted, 6]))))
+    usual = median(noise[fitted])
+    limit = max(SUSPECT * usual, SUSPECT_SHARE * median(np.abs(theta[fitted, 6])))
     trusted = fitted & (noise <= limit)
     suspects = np.nonzero(~trusted)[0]
     if not suspects.size or suspects.size > _MOST_SUSPECTS * len(theta):
@@ -133,7 +134,7 @@ def _fit_masked(
     for share in _LIMITS:
         limit = np.maximum(share * np.abs(start[:, 6]), 3.5 * usual)
         theta = np.where(np.isfinite(theta), theta, start)
-        fit_saddles(gray, *rows, False, 2e-3, 30, limit, theta, covariance, info)
+        fit_saddles(gray, *rows, False, 2e-3, 30, limit, np.ones(n, np.int64), theta, covariance, info)
     return theta, covariance, info
 
 

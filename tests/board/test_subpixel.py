@@ -74,6 +74,7 @@ def test_kernel_is_the_reference(seed, start):
         1e-5,
         50,
         np.zeros(1),
+        np.ones(1, np.int64),
         theta,
         covariance,
         info,
