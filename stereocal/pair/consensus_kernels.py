@@ -53,19 +53,29 @@ def best_by_msac(models, preview, points, finalists, cap):
     Only as many as there are `finalists`, those with the least sums on the matches of `preview`, are scored on all.
     """
     winner, best, count = -1, np.inf, points.shape[1]
-    chosen = np.arange(len(models))
+    least, index = np.full(finalists, np.inf), np.full(finalists, -1)
     if finalists < len(models):
-        sums = np.empty(len(models))
         for m in range(len(models)):
-            sums[m] = capped_sum(models[m], preview, 0, preview.shape[1], cap)
-        chosen = np.sort(np.argsort(sums, kind="mergesort")[:finalists])
-    for m in chosen:
+            total = capped_sum(models[m], preview, 0, preview.shape[1], cap)
+            place = finalists  # insertion into the sorted list of the least sums
+            while place > 0 and total < least[place - 1]:
+                if place < finalists:
+                    least[place], index[place] = least[place - 1], index[place - 1]
+                place -= 1
+            if place < finalists:
+                least[place], index[place] = total, m
+    else:
+        for m in range(len(models)):
+            index[m] = m
+    for m in index:
+        if m < 0:
+            continue
         total, start = 0.0, 0
         while start < count and total < best:
             stop = min(start + CHUNK, count)
             total += capped_sum(models[m], points, start, stop, cap)
             start = stop
-        if total < best:
+        if total < best or (total == best and m < winner):
             winner, best = m, total
     return winner, best
 

@@ -22,7 +22,8 @@ the shape names the fault:
 
 **In which order.** The poses come first, because a board counted from another end, or paired with another moment, says
 nothing about the rig. Then the board's heights, which need no rig. A shifted list or a late shutter can look like a rig
-that moves, so that knocks and shutters are looked for only when the pairs belong together.
+that moves, so that knocks and shutters are looked for only when the pairs belong together: mend a shifted list first,
+and ask again.
 
 **The board's heights.** With z_j the height of corner j, the image moves by (∂p/∂Z)_ij z_j. All residuals of a camera
 are fitted by heights, small changes of each view's pose and of the intrinsics at once; three heights' worth (a plane)

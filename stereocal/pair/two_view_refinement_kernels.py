@@ -62,7 +62,9 @@ def signed_reprojection(F, points, r):
 def accumulate(F, points, r, weights, rows, products):
     """Fill products (10, 10) with Σ w [g r]ᵀ[g r], g = ∂r/∂F of the signed Sampson distance."""
     a, b, c, d, e, f, g, h, i = F
-    products[:] = 0.0
+    for p in range(10):
+        for q in range(10):
+            products[p, q] = 0.0
     count = points.shape[1]
     for start in range(0, count, CHUNK):
         size = min(CHUNK, count - start)
@@ -334,7 +336,14 @@ def refine(state, freedom, to_right, to_left, points, weights, reach, extent, ro
             continue
         taken += 1
         damping = max(damping / 10, 1e-12)
-        state[:], F[:], r[:], scale, cost = new_state, new_F, new_r, new_scale, new_cost
+        for i in range(7):
+            for j in range(3):
+                state[i, j] = new_state[i, j]
+        for k in range(9):
+            F[k] = new_F[k]
+        for k in range(count):
+            r[k] = new_r[k]
+        scale, cost = new_scale, new_cost
         if gain <= tolerance * cost and change <= tolerance:
             break
     if extent > 0:
@@ -348,7 +357,9 @@ def refine(state, freedom, to_right, to_left, points, weights, reach, extent, ro
         if solve_damped(products, D, 0.0, A, step):
             invert_factor(A, covariance)
         else:
-            covariance[:] = np.nan
+            for i in range(freedom):
+                for j in range(freedom):
+                    covariance[i, j] = np.nan
     return log_likelihood, cost, taken
 
 
