@@ -59,7 +59,8 @@ def remap(
     image : array_like of shape (H, W) or (H, W, C), C from 1 to 4
         uint8, uint16, float32 or float64 (which may hold NaN: it spreads to the pixels that blend with it).
     map_x, map_y : array_like of shape (h, w), float32
-        Places in the image, pixels; the centre of the upper left one is (0, 0). NaN counts as outside.
+        Places in the image, pixels; the centre of the upper left one is (0, 0). NaN and infinity
+        count as outside.
     interpolation : {"bilinear", "nearest", "bicubic"}
         How to read between pixels.
     border_value : float or array_like of C floats
@@ -110,6 +111,7 @@ def remap(
         raise InputError(f"out must be a contiguous {source.dtype} array of shape {shape}")
     target = result.reshape(*mx.shape, samples.shape[2])
     if backend == "numpy" or samples.dtype == np.float64:
+        mx, my = (np.where(np.isfinite(m), m, np.float32(np.nan)) for m in (mx, my))
         target[...] = {"bilinear": _bilinear, "nearest": _nearest, "bicubic": _bicubic}[interpolation](
             samples, mx, my, border
         )

@@ -136,3 +136,15 @@ def test_bad_input_is_refused_in_words(change, said) -> None:
     good = {"image": np.zeros((4, 4), np.uint8), "map_x": np.zeros((2, 2)), "map_y": np.zeros((2, 2))}
     with pytest.raises(InputError, match=said):
         remap(**{**good, **change})
+
+
+@pytest.mark.parametrize("method", ["bilinear", "nearest", "bicubic"])
+def test_an_image_that_outgrows_the_caches_gives_the_same(method) -> None:
+    """Above half a megabyte the kernels ask for memory ahead, also where the map points outside of the image."""
+    random = np.random.default_rng(0)
+    image = random.integers(0, 256, (800, 700), dtype=np.uint8)
+    assert image.nbytes > 2**19
+    mx, my = (random.uniform(-50, size + 50, (40, 60)).astype(np.float32) for size in (700, 800))
+    mx[3, 16], my[5, 32] = np.nan, np.inf
+    kernel = remap(image, mx, my, interpolation=method)
+    np.testing.assert_array_equal(kernel, remap(image, mx, my, interpolation=method, backend="numpy"))
