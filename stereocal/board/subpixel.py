@@ -91,6 +91,8 @@ class SaddleFit:
     strays : ndarray of shape (N,), bool
         Corners that stand where their neighbours do not see them, or whose picture is not a corner's alone; their
         covariances say so.
+    own_covariances : ndarray of shape (N, 2, 2)
+        As the residuals of each fit alone would have them: (J^T J)^-1 sigma^2.
     """
 
     corners: Float
@@ -100,6 +102,7 @@ class SaddleFit:
     noise: Float
     converged: NDArray[np.bool_]
     strays: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, np.bool_))
+    own_covariances: Float = field(default_factory=lambda: np.zeros((0, 2, 2)))
 
 
 def fit_corner_grid(
@@ -276,6 +279,7 @@ def _with_honest_covariances(
         np.sqrt(info[:, 0]),
         converged,
         judged.strays,
+        covariance,
     )
 
 
