@@ -1,9 +1,10 @@
 """Our matchers and OpenCV's on scenes of known disparity: who is right, how often, and how fast.
 
-    python benchmarks/study_middlebury.py [--data DIR] [--scene DIR …] [--pictures DIR]
+    python benchmarks/study_middlebury.py [--data DIR] [--scene DIR …] [--pictures DIR [--pair LEFT RIGHT …]]
 
 `--data` holds the folders motorcycle, teddy and tsukuba. `--scene` adds scenes in the layout of Middlebury 2014 and
-2021 (im0.png, im1.png, disp0.pfm, calib.txt with ndisp).
+2021 (im0.png, im1.png, disp0.pfm, calib.txt with ndisp). `--pair` takes a rectified pair of unknown truth (``stereocal
+rectify`` makes one): it gets a sheet of pictures and no figures.
 
 Columns: percent of the pixels with known truth whose disparity is off by more than 1 or 2 pixels, a pixel without a
 disparity counting as off; over all of them, and over those that the right camera sees as well ("noc"). Density:
@@ -145,7 +146,9 @@ def timed(matcher: Matcher, scene: Scene) -> tuple[np.ndarray, float]:
 
 
 def picture(disparity: np.ndarray, scene: Scene) -> np.ndarray:
-    low, high = np.nanpercentile(scene.truth, (0.5, 99.5))
+    low, high = 0.0, float(scene.disparities)
+    if np.isfinite(scene.truth).any():
+        low, high = np.nanpercentile(scene.truth, (0.5, 99.5))
     share = np.clip((np.nan_to_num(disparity, nan=low) - low) / (high - low), 0, 1)
     color = cv2.applyColorMap((255 * share).astype(np.uint8), cv2.COLORMAP_TURBO)
     color[~np.isfinite(disparity)] = 0
@@ -169,6 +172,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=Path(os.environ.get("STEREOCAL_DATA") or shared))
     parser.add_argument("--scene", type=Path, nargs="*", default=[])
     parser.add_argument("--pictures", type=Path, help="folder for one contact sheet a scene")
+    parser.add_argument("--pair", type=Path, nargs=2, action="append", default=[], help="rectified, truth unknown")
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     for scene in [*small_scenes(arguments.data), *map(middlebury_scene, arguments.scene)]:
@@ -188,6 +192,13 @@ def main() -> None:
         if arguments.pictures:
             arguments.pictures.mkdir(parents=True, exist_ok=True)
             cv2.imwrite(str(arguments.pictures / f"{scene.name}.png"), contact_sheet(tiles, 4))
+    for left, right in arguments.pair if arguments.pictures else []:
+        pair = gray(left), gray(right)
+        scene = Scene(left.stem, *pair, np.full(pair[0].shape, np.nan), 64)
+        tiles = [labelled(cv2.cvtColor(scene.left, cv2.COLOR_GRAY2BGR), "left")]
+        for name, matcher in MATCHERS.items():
+            tiles.append(labelled(picture(matcher(*pair, scene.disparities), scene), name))
+        cv2.imwrite(str(arguments.pictures / f"{scene.name}.png"), contact_sheet(tiles, 4))
 
 
 if __name__ == "__main__":
