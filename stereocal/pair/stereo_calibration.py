@@ -285,8 +285,10 @@ def calibrate_stereo(
 
     solution = solve(cameras, poses)
     if not fix_intrinsics and any(c is not None and is_unsure(c) for c in alone):
-        second = _with_centres_held(calibrations, poses, cameras)
-        solution = solution if second is None else min(solution, solve(*second), key=lambda s: s.cost)
+        begin_at_none = all(np.array_equal(m.start(), m.neutral()) for m in models)
+        for held_first in ("principal_point", "distortion") if begin_at_none else ("principal_point",):
+            other = _with_held(held_first, calibrations, poses, cameras)
+            solution = solution if other is None else min(solution, solve(*other), key=lambda s: s.cost)
     everything, kept, limit = bundle, None, np.inf
     if reject_outliers:
         factor = 5.0 if reject_outliers is True else require_positive(reject_outliers, "reject_outliers")
@@ -315,15 +317,18 @@ def _calibrate_alone(
         raise DegenerateGeometryError(f"{SIDES[side]} camera by itself{among}: {error}") from error
 
 
-def _with_centres_held(
-    calibrations: Sequence[Callable[..., CameraCalibration] | None], poses: list[Poses], cameras: list[Camera]
+def _with_held(
+    group: str,
+    calibrations: Sequence[Callable[..., CameraCalibration] | None],
+    poses: list[Poses],
+    cameras: list[Camera],
 ) -> tuple[list[Camera], list[Poses]] | None:
-    """Cameras calibrated by themselves with the principal point in the middle, and their poses; given ones stay."""
+    """Cameras calibrated by themselves with a group of parameters held, and their poses; given ones stay."""
     cameras, poses = list(cameras), list(poses)
     for side, calibrate in enumerate(calibrations):
         if calibrate is not None:
             try:
-                held = calibrate(also_fix=("principal_point",))
+                held = calibrate(also_fix=(group,))
             except (ConvergenceError, DegenerateGeometryError):
                 return None  # the first start has to do
             cameras[side] = held.camera

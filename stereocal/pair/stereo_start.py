@@ -7,7 +7,8 @@ saw, the right one's taken over by R and T.
 
 A long lens seen at moderate tilts leaves the principal point open (p1 and p2 trade for a turn of every board), and what
 is the lowest minimum for each camera need not lie in the valley of the lowest for both. Where a camera by itself is
-:func:`unsure <is_unsure>`, a second start is tried, with the principal points held in the middle of the images.
+:func:`unsure <is_unsure>`, two more starts are tried: each camera fitted with its principal point held in the middle of
+the image, or without a lens.
 """
 
 from __future__ import annotations
