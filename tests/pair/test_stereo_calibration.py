@@ -173,3 +173,25 @@ def test_the_camera_that_cannot_be_calibrated_is_named() -> None:
         sc.DegenerateGeometryError, match="left camera by itself: the boards of all 5 views are parallel"
     ):
         sc.calibrate_stereo(X, left[:1] * 5, right[:1] * 5, SIZE)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_long_lenses_that_leave_the_principal_point_open_end_no_higher_than_from_the_truth(seed: int) -> None:
+    X = board(6, 5)
+    cams = [
+        sc.Camera([[f, 0, cx], [0, f, 240], [0, 0, 1]], [-0.1, 0, 0, 0, 0], SIZE)
+        for f, cx in ((2300, 325), (2200, 312))
+    ]
+    truth = sc.StereoRig(*cams, rotation_matrix([0.01, 0.06, 0]), [-6.0, 0.1, 0.2])
+    rng = np.random.default_rng(seed)
+    left, right = [], []
+    while len(left) < 7:
+        R = rotation_matrix(rng.uniform(-0.5, 0.5, 3))
+        X_0 = X @ R.T + [rng.uniform(-3, 3), rng.uniform(-2, 2), rng.uniform(40, 60)] - R @ X.mean(axis=0)
+        seen = cams[0].project(X_0), cams[1].project(X_0 @ truth.R.T + truth.T)
+        if all(((y > 0) & (y < np.array(SIZE))).all() for y in seen):
+            for into, y in zip((left, right), seen, strict=True):
+                into.append(y + rng.normal(0, 0.5, y.shape))
+    cold = sc.calibrate_stereo(X, left, right, SIZE)
+    warm = sc.calibrate_stereo(X, left, right, SIZE, left=cams[0], right=cams[1])
+    assert cold.rms <= warm.rms * (1 + 1e-9)
