@@ -116,7 +116,7 @@ def fit_fundamental(
     Paper: [eq 20]. Answers to ``cv2.findFundamentalMat``: ``8point`` agrees with FM_8POINT to 1e-9 up to scale. On
     1,000 random scenes with 40 % outliers (``benchmarks/study_two_views.py``) the pose from ``ransac`` is off by 0.50°
     in the median and 1.56° in the 95th percentile, where that from USAC_MAGSAC is off by 0.55° and 1.73°; it takes
-    three times as long.
+    three to four times as long.
 
     Examples
     --------
