@@ -30,7 +30,8 @@ the corner is a *stray*: it is kept, as it is what was measured, but its covaria
 direction. Strays are set aside one after the other, the worst first, or they would spoil the judgement of the others;
 for the same reason sigma^2 is here by the lesser of two f that a stray spoils little: that without corner k, and that
 by the median of all ``|d|^2``. Setting corners s aside is letting them lie where S is least, which leaves
-A - A_:s A_ss^-1 A_s: in the place of A. Corners known to be doubtful (:mod:`stereocal.board.subpixel_masks`) are set
+``A - A_:s A_ss^-1 A_s:`` in the place of A. A corner whose neighbours are then too few to predict it (A_kk = 0) is not
+judged. Corners known to be doubtful (:mod:`stereocal.board.subpixel_masks`) are set
 aside from the start.
 
 Sources: the residual of a smoother as an estimate of the noise is Wahba's, *Spline models for observational data*,
@@ -154,26 +155,34 @@ def _judge(corners: Float, spread: Float, A: Float, adjacent: Float, aside: NDAr
         s = np.nonzero(strays)[0]
         if s.size:
             left = A - A[:, s] @ np.linalg.lstsq(A[np.ix_(s, s)], A[s], rcond=None)[0]
-        own = np.where(strays, 1.0, np.diag(left))
-        squared = np.where(strays, 1.0, np.einsum("kl,kl->k", left, left))
+        diagonal, trace = np.diag(left), float(np.trace(left))
+        if trace < 1:  # so many are set aside that the polynomial passes through the rest
+            return CornerErrors(1.0, strays, _distances(A, corners, strays))
+        mute = strays | (diagonal < 1e-6)
+        own = np.where(mute, 1.0, diagonal)
+        squared = np.where(mute, 1.0, np.einsum("kl,kl->k", left, left))
         expected = 2 * float(_weights(left, adjacent) @ spread)
         rough = left @ corners
         S = float(np.sum(corners * rough))
         size = np.einsum("nk,nk->n", rough, rough)
-        score = np.where(strays, 0.0, size / (squared * spread))
-        trace = float(np.trace(left))
+        score = np.where(mute, 0.0, size / (squared * spread))
         without = (S - size / own) / (expected * np.maximum(1 - squared / (own * trace), 0.05))
-        level = np.minimum(without, median(score[~strays]) / 1.386)
+        level = np.minimum(without, median(score[~mute]) / 1.386)
         score = score / np.maximum(level, 0.1)
         worst = int(np.argmax(score))
         if score[worst] < STRAY or s.size > len(corners) // 3:
             break
         strays[worst] = True
-    freedom = 2 * trace**2 / float(squared[~strays].sum())
-    distances = np.zeros_like(corners)
+    freedom = 2 * trace**2 / float(squared[~mute].sum())
+    return CornerErrors(S / expected + 2 / freedom, strays, _distances(A, corners, strays))
+
+
+def _distances(A: Float, corners: Float, strays: NDArray[np.bool_]) -> Float:
+    """How far the strays lie from where their neighbours want them."""
+    distances, s = np.zeros_like(corners), np.nonzero(strays)[0]
     if s.size:
         distances[s] = np.linalg.lstsq(A[np.ix_(s, s)], A[s] @ corners, rcond=None)[0]
-    return CornerErrors(S / expected + 2 / freedom, strays, distances)
+    return distances
 
 
 def median(values: Float) -> float:

@@ -16,7 +16,7 @@ do: :mod:`stereocal.board.corner_errors` corrects the covariances.
 ``cv2.cornerSubPix`` instead asks for the point that all gradients in the window are perpendicular to. Its pixels
 on the edges count alike whether sharp or noisy, and a window that reaches the next corner pulls it there.
 
-**The window** is the parallelogram of the corner's own grid steps, |xi| <= h, |eta| <= h: it follows spacing and
+**The window** is the parallelogram of the corner's own grid steps, ``|xi|, |eta| <= h``: it follows spacing and
 orientation, and reaches no other edge while h + 2.2 s / step < 1. It is no wider than a cap in pixels, which bounds
 the time. A wider window averages more noise, sigma^2 / h, but trusts the lines further: where they bend otherwise than
 by the parabola below, by beta a step, the corner is off by beta h^2. The sum of both, with sigma known at h0 = 0.52,

@@ -87,3 +87,22 @@ def test_failed_fits_do_not_spoil_the_others():
     judged = judge_corners(corners, covariances, (6, 9))
     assert 0.4 < judged.factor < 2
     assert np.nonzero(judged.strays)[0].tolist() == [7]
+
+
+@settings(max_examples=60)
+@given(
+    shape=st.tuples(st.integers(3, 9), st.integers(3, 9)),
+    doubted=st.floats(0, 0.5),
+    lost=st.floats(0, 1),
+    seed=seeds,
+)
+def test_however_many_are_lost_the_judgement_is_finite(shape, doubted, lost, seed):
+    rng = np.random.default_rng(seed)
+    j, i = np.divmod(np.arange(shape[0] * shape[1]), shape[1])
+    corners = 20.0 * np.column_stack([i, j])
+    corners[rng.random(len(corners)) < lost] += rng.normal(0, 30, 2)
+    covariances = np.tile(np.eye(2) * 1e-3**2, (len(corners), 1, 1))
+    judged = judge_corners(corners, covariances, shape, doubtful=rng.random(len(corners)) < doubted)
+    assert np.isfinite(judged.factor)
+    assert judged.factor > 0
+    assert np.isfinite(judged.distances).all()
