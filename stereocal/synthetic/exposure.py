@@ -58,7 +58,8 @@ def aperture_kernel(blur: float, supersampling: int, pad: int) -> Float:
     else:
         # the square is the s samples of a pixel, each spread by the Gaussian
         distance = positions[:, None] - within[None, :]
-        weights = np.where(np.abs(distance) <= CUT * blur, np.exp(-0.5 * (distance / blur) ** 2), 0.0).sum(axis=1)
+        deviations = np.minimum(np.abs(distance), 2 * CUT * blur) / blur  # capped: a tiny blur would overflow
+        weights = np.where(deviations <= CUT, np.exp(-0.5 * deviations**2), 0.0).sum(axis=1)
     return np.asarray(weights / weights.sum())
 
 
