@@ -330,7 +330,7 @@ def markdown_table(results: Iterable[BenchResult]) -> str:
 
 
 def markdown_summary(columns: Mapping[str, Iterable[BenchResult | None]]) -> str:
-    """Return one row a kernel: how many cases, and the middle, the least and the largest ratio to each OpenCV.
+    """Return one row a kernel and opponent: how many cases, the middle, the least and the largest ratio to each OpenCV.
 
     Parameters
     ----------
@@ -338,18 +338,28 @@ def markdown_summary(columns: Mapping[str, Iterable[BenchResult | None]]) -> str
         The results by the version of OpenCV that they are beside, this environment first.
     """
     by_version = {version: [row for row in rows if row is not None] for version, rows in columns.items()}
-    kernels = list(dict.fromkeys(row.kernel for rows in by_version.values() for row in rows))
+    kernels = list(dict.fromkeys(_opponents(row) for rows in by_version.values() for row in rows))
     titles = ["kernel", "cases", *(f"time to OpenCV {version}'s: median (least–most)" for version in by_version)]
     lines = [f"| {' | '.join(titles)} |", "|" + "---|" * len(titles)]
     for kernel in kernels:
         cells = []
         for rows in by_version.values():
-            ratios = [row.ratio for row in rows if row.kernel == kernel]
-            spread = f" ({min(ratios):.2f}–{max(ratios):.2f})" if len(ratios) > 1 else ""
-            cells.append(f"{statistics.median(ratios):.2f}{spread}" if ratios else "–")
-        count = max(sum(row.kernel == kernel for row in rows) for rows in by_version.values())
+            ratios = [row.ratio for row in rows if _opponents(row) == kernel]
+            spread = f" ({_short(min(ratios))}–{_short(max(ratios))})" if len(ratios) > 1 else ""
+            cells.append(f"{_short(statistics.median(ratios))}{spread}" if ratios else "–")
+        count = max(sum(_opponents(row) == kernel for row in rows) for rows in by_version.values())
         lines.append(f"| {kernel} | {count} | {' | '.join(cells)} |")
     return "\n".join(lines)
+
+
+def _opponents(row: BenchResult) -> str:
+    """The kernel, and whom it stands against where OpenCV has more than one function for the job."""
+    _, against, other = row.case.partition(", against ")
+    return f"{row.kernel}, against {other}" if against else row.kernel
+
+
+def _short(ratio: float) -> str:
+    return f"{ratio:.2f}" if ratio >= 0.095 else f"{ratio:.2g}"
 
 
 def _cell(row: BenchResult, name: str) -> str:

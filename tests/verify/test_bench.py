@@ -200,6 +200,22 @@ def test_summary_has_a_row_a_kernel_and_a_column_an_opencv():
     assert lines[3] == "| match_bm | 1 | 0.25 | – |"
 
 
+def test_summary_keeps_opponents_apart_and_small_ratios_legible():
+    rows = [_result("detect", "640x480, against slow"), _result("detect", "640x480, against fast")]
+    rows[0] = BenchResult("detect", "640x480, against slow", 1.0, 200.0, 0.0049, "identical", 0.0, 0.1)
+    assert markdown_summary({"5.0.0": rows}).splitlines()[2:] == [
+        "| detect, against slow | 1 | 0.0049 |",
+        "| detect, against fast | 1 | 0.25 |",
+    ]
+
+
+def test_readme_shows_the_table_that_bench_wrote():
+    root = Path(__file__).parents[2]
+    summary = (root / "docs" / "performance_table.md").read_text(encoding="utf-8").split("\n\n")[1]
+    assert summary.startswith("| kernel | cases |")
+    assert summary in (root / "README.md").read_text(encoding="utf-8")
+
+
 def test_curves_are_of_cases_that_differ_in_one_thing():
     from stereocal.report.figures_benchmarks import (
         _DISPARITIES,
