@@ -1,8 +1,9 @@
 """Threads over bands of rows: each thread takes some rows of the image, and none waits for another.
 
-The kernels let go of Python's lock (``nogil=True``), so that threads of Python run them side by side. A pool that is
-made for the call and gone after it costs 0.1 ms a thread; Numba's own thread layers cost less when the machine is idle,
-and stall for milliseconds when another process holds a core.
+The kernels let go of Python's lock (``nogil=True``), so that threads of Python run them side by side. The calling
+thread takes the first band, and a pool the others. The pool is kept: a new thread has to ask the system for every page
+of its scratch, which costs more than the match of a small image. (Numba's own thread layers cost less when the machine
+is idle, and stall for milliseconds when another process holds a core.)
 
 A band's rows are computed from the images alone, never from another band, so the result does not depend on how many
 bands there are.
@@ -10,8 +11,10 @@ bands there are.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
 from itertools import pairwise
 
 from stereocal.base.checks import require_integer
@@ -45,7 +48,19 @@ def run_bands(work: Callable[[range], object], rows: range, threads: int | None,
         work(rows)
         return
     cuts = [rows.start + len(rows) * i // bands for i in range(bands + 1)]
-    with ThreadPoolExecutor(bands) as pool:
-        running = [pool.submit(work, range(a, b)) for a, b in pairwise(cuts)]
+    first, *others = (range(a, b) for a, b in pairwise(cuts))
+    pool = _pool(bands - 1, os.getpid())
+    running = [pool.submit(work, band) for band in others]
+    try:
+        work(first)
+    finally:
         for band in running:
-            band.result()
+            band.exception()  # none may still write when this returns
+    for band in running:
+        band.result()
+
+
+@lru_cache(maxsize=2)
+def _pool(workers: int, process: int) -> ThreadPoolExecutor:
+    """The pool of this process: a forked one has its parent's memory, but not its threads."""
+    return ThreadPoolExecutor(workers, thread_name_prefix="stereocal-rows")
