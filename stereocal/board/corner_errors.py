@@ -53,6 +53,8 @@ STRAY = 120.0
 
 _LACK = 2.5
 """The larger polynomial is believed where it leaves this many times less."""
+_LEAST_SHARE, _LEAST_VARIANCE = 1e-3, 1e-12
+"""No corner is known thirty times better than the others of its board, nor to less than a millionth of a pixel."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +137,9 @@ def judge_corners(
     A = _roughness(shape, 5, 4)
     if A is None or np.count_nonzero(aside) > n // 2:
         return CornerErrors(1.0, aside, np.zeros((n, 2)))
-    spread = np.where(known, spread, median(spread[known]))
+    usual = median(spread[known])
+    # a window without any noise, a flat patch, claims to know its corner exactly
+    spread = np.maximum(np.where(known, spread, usual), max(_LEAST_SHARE * usual, _LEAST_VARIANCE))
     # about the middle, or the digits of large coordinates are lost
     middle = corners - corners[~aside].mean(axis=0)
     adjacent = correlation / 2 * _adjacent(shape)
@@ -163,7 +167,7 @@ def _judge(corners: Float, spread: Float, A: Float, adjacent: Float, aside: NDAr
         squared = np.where(mute, 1.0, np.einsum("kl,kl->k", left, left))
         expected = 2 * float(_weights(left, adjacent) @ spread)
         rough = left @ corners
-        S = float(np.sum(corners * rough))
+        S = max(float(np.sum(corners * rough)), 0.0)  # exact corners leave less than rounding
         size = np.einsum("nk,nk->n", rough, rough)
         score = np.where(mute, 0.0, size / (squared * spread))
         without = (S - size / own) / (expected * np.maximum(1 - squared / (own * trace), 0.05))

@@ -94,14 +94,15 @@ def test_failed_fits_do_not_spoil_the_others():
     shape=st.tuples(st.integers(3, 9), st.integers(3, 9)),
     doubted=st.floats(0, 0.5),
     lost=st.floats(0, 1),
+    sure=st.sampled_from([0.0, 0.1, 1.0]),
     seed=seeds,
 )
-def test_however_many_are_lost_the_judgement_is_finite(shape, doubted, lost, seed):
+def test_however_many_are_lost_or_claim_to_be_exact_the_judgement_is_finite(shape, doubted, lost, sure, seed):
     rng = np.random.default_rng(seed)
     j, i = np.divmod(np.arange(shape[0] * shape[1]), shape[1])
     corners = 20.0 * np.column_stack([i, j])
     corners[rng.random(len(corners)) < lost] += rng.normal(0, 30, 2)
-    covariances = np.tile(np.eye(2) * 1e-3**2, (len(corners), 1, 1))
+    covariances = np.tile(np.eye(2) * 1e-3**2, (len(corners), 1, 1)) * (rng.random((len(corners), 1, 1)) > sure)
     judged = judge_corners(corners, covariances, shape, doubtful=rng.random(len(corners)) < doubted)
     assert np.isfinite(judged.factor)
     assert judged.factor > 0
