@@ -1,7 +1,8 @@
 """Standard output and standard error; progress bars.
 
 Results go to standard output, so that they can be piped; everything else (progress, errors) goes to standard error.
-With ``--json`` standard output is one JSON document and nothing else. Bars are drawn only on a terminal.
+With ``--json`` standard output is one JSON document and nothing else. Bars are drawn only on a terminal; while Numba
+compiles kernels, which the first run on a machine does and later ones do not, the bar says what it waits for.
 """
 
 from __future__ import annotations
@@ -10,7 +11,8 @@ import json
 import math
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from functools import partial
 from typing import Any
 
 from rich.console import Console
@@ -72,7 +74,31 @@ class Terminal:
         )
         with Bars(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
             task = bars.add_task(title, total=total)
-            yield lambda: bars.advance(task)
+            with ExitStack() as listening:
+                if console.is_terminal:
+                    listening.enter_context(_compilation_told(partial(bars.update, task), title))
+                yield lambda: bars.advance(task)
+
+
+@contextmanager
+def _compilation_told(update: Callable[..., None], title: str) -> Iterator[None]:
+    """Let the bar's text say so while kernels are compiled: minutes may pass in which it could not move."""
+    from numba.core import event
+
+    class Listener(event.Listener):
+        depth = 0
+
+        def on_start(self, event: event.Event) -> None:
+            self.depth += 1
+            update(description=f"{title} (compiling kernels, once)", refresh=True)
+
+        def on_end(self, event: event.Event) -> None:
+            self.depth -= 1
+            if self.depth == 0:
+                update(description=title, refresh=True)
+
+    with event.install_listener("numba:compile", Listener()):
+        yield
 
 
 def _plain(value: Any) -> Any:
