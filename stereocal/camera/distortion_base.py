@@ -107,9 +107,13 @@ class BackwardModel(DistortionModel):
 
         return invert_map(lambda x_d: self.undistort_slope(x_d, k), x)
 
+    def distort_compiled(self, x: Float, k: Float) -> Float:
+        """Return the same as `distort`, from a kernel where the model has one (``distortion_inverse_kernels``)."""
+        return self.distort(x, k)
+
     def jacobians(self, x: Float, k: Float) -> tuple[Float, Float, Float]:
         """Return x_d, ∂x_d/∂x = G⁻¹ and ∂x_d/∂k = −G⁻¹ ∂g/∂k."""
-        x_d = self.distort(x, k)
+        x_d = self.distort_compiled(x, k)
         _, G, g_k = self.undistort_jacobians(x_d, k)
         a, b, c, d = G[:, 0, 0], G[:, 0, 1], G[:, 1, 0], G[:, 1, 1]
         with np.errstate(all="ignore"):

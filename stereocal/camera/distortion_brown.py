@@ -65,7 +65,7 @@ class Brown(ForwardModel):
 
     def undistort_compiled(self, x_d: Float, k: Float) -> Float:
         """Return the same as `undistort`, from a kernel, the tilt of the sensor undone first."""
-        from stereocal.camera.distortion_inverse_kernels import invert_brown_kernel
+        from stereocal.camera.distortion_inverse_kernels import invert_map_kernel
 
         k = _padded(k)
         if np.any(k[12:]):
@@ -73,7 +73,7 @@ class Brown(ForwardModel):
         if not np.any(k[_NOT_RADIAL]):
             return invert_radial_compiled(x_d, np.array([k[0], k[1], k[4]]), k[5:8], radial_limit(k))
         x = np.empty_like(x_d, order="C")
-        invert_brown_kernel(np.ascontiguousarray(x_d), k[:12], x)
+        invert_map_kernel(np.ascontiguousarray(x_d), k[:12], x)
         return x
 
     def jacobians(self, x: Float, k: Float) -> tuple[Float, Float, Float]:

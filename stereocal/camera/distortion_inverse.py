@@ -17,7 +17,7 @@ backtracking: a step is halved until the residual shrinks and det ∂f/∂x stay
 is followed along the ray, f(x) = s·y for s = 1/16, 2/16, …, 1 (continuation). Each answer is then checked: residual ≤
 1e-12, and a positive determinant at 32 stations on the way from the centre.
 
-``distortion_inverse_kernels`` is the compiled twin for OpenCV's family and the fisheye.
+``distortion_inverse_kernels`` is the compiled twin for OpenCV's family, the fisheye and the rational function.
 """
 
 from __future__ import annotations

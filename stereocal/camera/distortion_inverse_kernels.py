@@ -1,5 +1,7 @@
 # mypy: allow-untyped-defs
-"""Undoing a lens, compiled: the twin of ``distortion_inverse`` for OpenCV's family without tilt, and for the fisheye.
+"""Undoing a lens, compiled: the twin of ``distortion_inverse``.
+
+It knows OpenCV's family without tilt, the fisheye, and the rational function, whose distorting it is that iterates.
 
 Domain, iteration, tolerances and letters are those of ``distortion_inverse``. There the points go through each step
 together, here every point runs to its end alone, so that an easy point does not wait for a hard one. Both radial
@@ -7,7 +9,8 @@ families are one function of the radius, or of the angle for a fisheye,
 
     g(r) = r (1 + a₁ s + a₂ s² + a₃ s³ + a₄ s⁴) / (1 + b₁ s + b₂ s² + b₃ s³),   s = r²,
 
-and the general lens is Brown's formula with k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 (``distortion_brown``).
+and a general map is told by its number of coefficients: twelve, k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4, are Brown's formula
+(``distortion_brown``), eighteen are W of the rational function (``distortion_rational_function``).
 """
 
 from __future__ import annotations
@@ -93,14 +96,38 @@ def brown(u, v, k):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def rational_function(u, v, W):
+    """Return x_u and the four entries of ∂x_u/∂x_d, by rows: dx_u = (dh₁₂ − x_u dh₃) / h₃, h = W χ."""
+    uu, uv, vv = u * u, u * v, v * v
+    h3 = W[12] * uu + W[13] * uv + W[14] * vv + W[15] * u + W[16] * v + W[17]
+    x = (W[0] * uu + W[1] * uv + W[2] * vv + W[3] * u + W[4] * v + W[5]) / h3
+    y = (W[6] * uu + W[7] * uv + W[8] * vv + W[9] * u + W[10] * v + W[11]) / h3
+    by_u, by_v = 2 * W[12] * u + W[13] * v + W[15], W[13] * u + 2 * W[14] * v + W[16]
+    return (
+        x,
+        y,
+        (2 * W[0] * u + W[1] * v + W[3] - x * by_u) / h3,
+        (W[1] * u + 2 * W[2] * v + W[4] - x * by_v) / h3,
+        (2 * W[6] * u + W[7] * v + W[9] - y * by_u) / h3,
+        (W[7] * u + 2 * W[8] * v + W[10] - y * by_v) / h3,
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def lens(u, v, k):
+    """Return the map and its derivatives at (u, v), of the model that has as many coefficients."""
+    return rational_function(u, v, k) if len(k) == 18 else brown(u, v, k)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def newton(y0, y1, u, v, k):
     """Damped Newton from (u, v); return where it ended and whether f = y there, with det > 0."""
-    f0, f1, a, b, c, d = brown(u, v, k)
+    f0, f1, a, b, c, d = lens(u, v, k)
     for _ in range(8):  # a start outside of the domain is drawn to the centre, where every lens is nearly ideal
         if a * d - b * c > 0:
             break
         u, v = 0.5 * u, 0.5 * v
-        f0, f1, a, b, c, d = brown(u, v, k)
+        f0, f1, a, b, c, d = lens(u, v, k)
     size = max(1.0, math.hypot(y0, y1))
     error = math.hypot(f0 - y0, f1 - y1)
     for _ in range(MAX_NEWTON):
@@ -111,7 +138,7 @@ def newton(y0, y1, u, v, k):
         h0, h1 = -(d * r0 - b * r1) / determinant, -(a * r1 - c * r0) / determinant
         accepted = False
         for _ in range(24):
-            g0, g1, a_there, b_there, c_there, d_there = brown(u + h0, v + h1, k)
+            g0, g1, a_there, b_there, c_there, d_there = lens(u + h0, v + h1, k)
             there = math.hypot(g0 - y0, g1 - y1)
             if there < error and a_there * d_there - b_there * c_there > 0:
                 accepted = True
@@ -131,7 +158,7 @@ def keeps_orientation(u, v, k):
     """Whether det ∂f/∂x > 0 at the stations from the centre to (u, v)."""
     for i in range(1, STATIONS + 1):
         t = i / STATIONS
-        _, _, a, b, c, d = brown(t * u, t * v, k)
+        _, _, a, b, c, d = lens(t * u, t * v, k)
         if not a * d - b * c > 0:
             return False
     return True
@@ -145,14 +172,14 @@ def safe_radius(reach, k):
     for ring in range(1, 129):
         radius = reach * ring / 128
         for i in range(64):
-            _, _, a, b, c, d = brown(radius * directions_u[i], radius * directions_v[i], k)
+            _, _, a, b, c, d = lens(radius * directions_u[i], radius * directions_v[i], k)
             if not a * d - b * c > 0:
                 return radius - reach / 64
     return reach
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def invert_brown_kernel(y, k, x):
+def invert_map_kernel(y, k, x):
     """Write the x with f(x) = y inside the star-shaped domain of f about the centre; NaN where there is none."""
     good = np.zeros(len(y), dtype=np.bool_)
     reach = 0.0

@@ -45,6 +45,14 @@ class RationalFunction(BackwardModel):
         positive = h[:, 2:] > 0
         return np.where(positive, h[:, :2] / np.where(positive, h[:, 2:], 1.0), np.nan)
 
+    def distort_compiled(self, x: Float, k: Float) -> Float:
+        """Return the same as `distort`, from a kernel: a calibration asks for it at every step."""
+        from stereocal.camera.distortion_inverse_kernels import invert_map_kernel
+
+        x_d = np.empty_like(x, order="C")
+        invert_map_kernel(np.ascontiguousarray(x), k, x_d)
+        return x_d
+
     def undistort_jacobians(self, x_d: Float, k: Float) -> tuple[Float, Float, Float]:
         """Return x_u = h₁₂/h₃, and dx_u = (dh₁₂ − x_u dh₃) / h₃ by x_d and by W."""
         x_u, J = self.undistort_slope(x_d, k)

@@ -154,6 +154,22 @@ def test_inverse_kernel_equals_its_reference(name: str, seed: int, radial: bool)
     assert np.all(np.abs(x[answered] - reference[answered]) <= slack)
 
 
+@settings(max_examples=12)
+@given(seeds)
+def test_rational_function_s_kernel_equals_its_reference(seed: int) -> None:
+    """Distorting is what iterates in this model; far out its curves fold, and both say so of the same points."""
+    rng, model = np.random.default_rng(seed), MODELS["rational_function"]
+    k = random_lens("rational_function", rng) + rng.normal(0, 0.3, 18) * (model.neutral() == 0)
+    x = rng.uniform(-1.5, 1.5, (60, 2))
+    x[:3] = [[0, 0], [np.nan, 0.1], [np.inf, 0.1]]
+    x_d, reference = model.distort_compiled(x, k), model.distort(x, k)
+    np.testing.assert_array_equal(np.isnan(x_d), np.isnan(reference))
+    answered = ~np.isnan(reference[:, 0])
+    J = model.undistort_jacobians(reference[answered], k)[1]
+    slack = 1e-12 * np.maximum(1, 1 / np.linalg.svd(J, compute_uv=False)[:, 1:])
+    assert np.all(np.abs(x_d[answered] - reference[answered]) <= 2 * slack)
+
+
 @pytest.mark.parametrize("backend", ["numba", "numpy"])
 @pytest.mark.parametrize("k4", [-0.1, -0.3, -0.5, -0.7, -0.9])
 def test_up_to_a_pole_every_radius_has_its_answer(k4: float, backend: str) -> None:
