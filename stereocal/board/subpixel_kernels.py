@@ -215,6 +215,104 @@ def _start(m, px, py, grey, geometry, theta, scratch, J, residual):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _propose(theta, N, g, damping, A, L, x, trial):
+    """The damped step from theta to trial; returns how far the corner moves, -1 where N is not positive definite."""
+    for p in range(7):
+        for q in range(7):
+            A[p, q] = N[p, q]
+        A[p, p] += damping * N[p, p] + 1e-12
+    if not _cholesky(A, L):
+        return -1.0
+    _solve(L, g, x)
+    # u = n1.(p - c): an offset of line 1 by x0 is n1.dc = -x0; both offsets together move the corner
+    c1, s1, c2, s2 = np.cos(theta[2]), np.sin(theta[2]), np.cos(theta[3]), np.sin(theta[3])
+    d = -s1 * c2 + c1 * s2
+    trial[0] = theta[0] + (-x[0] * c2 + x[2] * c1) / d
+    trial[1] = theta[1] + (x[2] * s1 - x[0] * s2) / d
+    trial[2], trial[3] = theta[2] + x[1], theta[3] + x[3]
+    trial[4], trial[5], trial[6] = theta[4] + x[4], theta[5] + x[5], theta[6] + x[6]
+    # no edge is sharper than the pixel, whose own width makes s = sqrt(2 / 12) = 0.41
+    trial[4] = min(max(trial[4], 0.5 * theta[4], 0.35), 2 * theta[4])
+    return np.sqrt((trial[0] - theta[0]) ** 2 + (trial[1] - theta[1]) ** 2)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _descend(m, px, py, grey, geometry, theta, damping, tolerance, iterations, work):
+    """Levenberg-Marquardt from theta, in place, to a corner that moves less than `tolerance`.
+
+    Returns the sum of squares and whether it converged; N is left as at the end, for the covariance.
+    """
+    scratch, J, residual, trial_J, trial_residual, N, A, L, g, x, trial = work
+    cost, converged = _model(m, px, py, grey, geometry, theta, scratch, J, residual), 0.0
+    for _ in range(iterations):
+        _normal_equations(m, J, residual, N, g)
+        if theta[4] <= 0.35 and g[4] < 0:
+            # the sharpest edge there is, and the picture asks for a sharper one: the others are fitted with it held
+            for p in range(7):
+                N[4, p] = N[p, 4] = 0.0
+            N[4, 4], g[4] = 1.0, 0.0
+        moved, accepted, proposed = 0.0, False, 1e30
+        for _ in range(8):
+            shift = _propose(theta, N, g, damping, A, L, x, trial)
+            if shift >= 0:
+                proposed = min(proposed, shift)
+                trial_cost = _model(m, px, py, grey, geometry, trial, scratch, trial_J, trial_residual)
+                if trial_cost <= cost * (1 + 1e-12):
+                    accepted, cost = True, trial_cost
+                    moved = max(shift, 0.1 * abs(trial[4] - theta[4]))
+                    for p in range(7):
+                        theta[p] = trial[p]
+                    J, trial_J = trial_J, J
+                    residual, trial_residual = trial_residual, residual
+                    damping = max(damping * 0.1, 1e-9)
+                    break
+            damping *= 10
+        if not accepted:
+            # no step lowers the sum: the optimum, to rounding, if the steps have become small
+            converged = 1.0 if proposed < 1e-2 else 0.0
+            break
+        converged = 1.0 if moved < max(tolerance, 2e-2) else 0.0
+        if moved < tolerance:
+            break
+    _normal_equations(m, J, residual, N, g)
+    return cost, converged
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _corner_covariance(theta, variance, work, covariance):
+    """Of (cx, cy), from the columns of N's inverse for the two offsets; left alone where N is not positive definite."""
+    N, L, g, x = work[5], work[7], work[8], work[9]
+    if not _cholesky(N, L):
+        return
+    for p in range(7):
+        g[p] = 0.0
+    g[0] = 1.0
+    _solve(L, g, x)
+    q00, q02 = x[0] * variance, x[2] * variance
+    g[0], g[2] = 0.0, 1.0
+    _solve(L, g, x)
+    q22 = x[2] * variance
+    c1, s1, c2, s2 = np.cos(theta[2]), np.sin(theta[2]), np.cos(theta[3]), np.sin(theta[3])
+    d = -s1 * c2 + c1 * s2
+    ax, bx, ay, by = -c2 / d, c1 / d, -s2 / d, s1 / d
+    covariance[0, 0] = ax * ax * q00 + 2 * ax * bx * q02 + bx * bx * q22
+    covariance[1, 1] = ay * ay * q00 + 2 * ay * by * q02 + by * by * q22
+    covariance[0, 1] = ax * ay * q00 + (ax * by + ay * bx) * q02 + bx * by * q22
+    covariance[1, 0] = covariance[0, 1]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _most_pixels(steps, half):
+    """How many pixels the largest window can hold."""
+    most = 4
+    for n in range(half.size):
+        wide = 2 * half[n] * (abs(steps[n, 0]) + abs(steps[n, 2])) + 2
+        high = 2 * half[n] * (abs(steps[n, 1]) + abs(steps[n, 3])) + 2
+        most = max(most, int(wide * high) + 8)
+    return most
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def fit_saddles(
     image,
     corners,
@@ -242,114 +340,44 @@ def fit_saddles(
     larger are left out; sparse (n,): of so many pixels one is taken, 1, 2 or 4. Writes theta (n, 7), covariance
     (n, 2, 2) of (cx, cy), info (n, 4): residual variance, pixels, converged, 0.
     """
-    capacity = 4
-    for n in range(corners.shape[0]):
-        wide = 2 * half[n] * (abs(steps[n, 0]) + abs(steps[n, 2])) + 2
-        high = 2 * half[n] * (abs(steps[n, 1]) + abs(steps[n, 3])) + 2
-        capacity = max(capacity, int(wide * high) + 8)
+    capacity = _most_pixels(steps, half)
     px, py, grey = np.empty(capacity), np.empty(capacity), np.empty(capacity)
+    scratch, J, trial_J = np.empty((6, capacity)), np.empty((7, capacity)), np.empty((7, capacity))
+    for i in range(capacity):
+        J[5, i] = trial_J[5, i] = 1.0
     residual, trial_residual = np.empty(capacity), np.empty(capacity)
-    J, trial_J = np.empty((7, capacity)), np.empty((7, capacity))
-    J[5], trial_J[5] = 1.0, 1.0
-    scratch = np.empty((6, capacity))
-    N, A, L = np.empty((7, 7)), np.empty((7, 7)), np.zeros((7, 7))
+    N, A, L = np.empty((7, 7)), np.empty((7, 7)), np.empty((7, 7))
     g, x, trial, geometry = np.empty(7), np.empty(7), np.empty(7), np.empty(6)
+    work = (scratch, J, residual, trial_J, trial_residual, N, A, L, g, x, trial)
     for n in range(corners.shape[0]):
         t = theta[n]
-        info[n] = 0.0
-        covariance[n] = np.nan
+        for k in range(4):
+            info[n, k] = 0.0
+            covariance[n, k >> 1, k & 1] = np.nan
         ix, iy, jx, jy = steps[n, 0], steps[n, 1], steps[n, 2], steps[n, 3]
         det = ix * jy - iy * jx
         geometry[0], geometry[1], geometry[2], geometry[3] = jy / det, -jx / det, -iy / det, ix / det
         geometry[4], geometry[5] = bends[n, 0], bends[n, 1]
-        m = _gather(
-            image, corners[n, 0], corners[n, 1], steps[n], geometry, half[n], band[n], light[n], sparse[n], px, py, grey
-        )
-        info[n, 1] = m
-        if m < 16:
-            t[:] = np.nan
-            continue
-        if cold or limit[n] <= 0:
-            t[0] = t[1] = 0.0
-        else:
-            t[0] -= corners[n, 0]
-            t[1] -= corners[n, 1]
+        cx, cy = corners[n, 0], corners[n, 1]
+        m = _gather(image, cx, cy, steps[n], geometry, half[n], band[n], light[n], sparse[n], px, py, grey)
+        from_theta = not cold and limit[n] > 0
+        if from_theta and m >= 16:
+            t[0], t[1] = t[0] - cx, t[1] - cy
             _model(m, px, py, grey, geometry, t, scratch, J, residual)
             m = _keep_explained(m, px, py, grey, residual, limit[n])
-            info[n, 1] = m
-            if m < 16:
-                t[:] = np.nan
-                continue
+        info[n, 1] = m
+        if m < 16:
+            for p in range(7):
+                t[p] = np.nan
+            continue
+        if not from_theta:
+            t[0] = t[1] = 0.0
         if cold:
             t[2], t[3], t[4] = np.arctan2(iy, ix), np.arctan2(jy, jx), blur[n]
             _start(m, px, py, grey, geometry, t, scratch, J, residual)
-        cost = _model(m, px, py, grey, geometry, t, scratch, J, residual)
         damping = 1e-3 if cold else 1e-5
-        for _ in range(iterations):
-            _normal_equations(m, J, residual, N, g)
-            if t[4] <= 0.35 and g[4] < 0:
-                # the sharpest edge there is, and the picture asks for a sharper one: the others are fitted with it held
-                for p in range(7):
-                    N[4, p] = N[p, 4] = 0.0
-                N[4, 4], g[4] = 1.0, 0.0
-            moved, accepted, proposed = 0.0, False, 1e30
-            for _ in range(8):
-                A[:] = N
-                for p in range(7):
-                    A[p, p] += damping * N[p, p] + 1e-12
-                if not _cholesky(A, L):
-                    damping *= 10
-                    continue
-                _solve(L, g, x)
-                # u = n1.(p - c): an offset of line 1 by x0 is n1.dc = -x0; both offsets together move the corner
-                c1, s1, c2, s2 = np.cos(t[2]), np.sin(t[2]), np.cos(t[3]), np.sin(t[3])
-                d = -s1 * c2 + c1 * s2
-                trial[0] = t[0] + (-x[0] * c2 + x[2] * c1) / d
-                trial[1] = t[1] + (x[2] * s1 - x[0] * s2) / d
-                trial[2], trial[3] = t[2] + x[1], t[3] + x[3]
-                trial[4], trial[5], trial[6] = t[4] + x[4], t[5] + x[5], t[6] + x[6]
-                proposed = min(proposed, np.sqrt((trial[0] - t[0]) ** 2 + (trial[1] - t[1]) ** 2))
-                # no edge is sharper than the pixel, whose own width makes s = sqrt(2 / 12) = 0.41
-                trial[4] = min(max(trial[4], 0.5 * t[4], 0.35), 2 * t[4])
-                trial_cost = _model(m, px, py, grey, geometry, trial, scratch, trial_J, trial_residual)
-                if trial_cost <= cost * (1 + 1e-12):
-                    accepted = True
-                    moved = np.sqrt((trial[0] - t[0]) ** 2 + (trial[1] - t[1]) ** 2)
-                    moved = max(moved, 0.1 * abs(trial[4] - t[4]))
-                    t[:] = trial
-                    cost = trial_cost
-                    J, trial_J = trial_J, J
-                    residual, trial_residual = trial_residual, residual
-                    damping = max(damping * 0.1, 1e-9)
-                    break
-                damping *= 10
-            if not accepted:
-                # no step lowers the sum: the optimum, to rounding, if the steps have become small
-                info[n, 2] = 1.0 if proposed < 1e-2 else 0.0
-                break
-            info[n, 2] = 1.0 if moved < max(tolerance, 2e-2) else 0.0
-            if moved < tolerance:
-                break
-        _normal_equations(m, J, residual, N, g)
+        cost, converged = _descend(m, px, py, grey, geometry, t, damping, tolerance, iterations, work)
         variance = cost / max(m - 7, 1)
-        info[n, 0] = variance
-        if _cholesky(N, L):
-            c1, s1, c2, s2 = np.cos(t[2]), np.sin(t[2]), np.cos(t[3]), np.sin(t[3])
-            d = -s1 * c2 + c1 * s2
-            # columns of N's inverse for the two offsets
-            g[:] = 0
-            g[0] = 1
-            _solve(L, g, x)
-            q00, q02 = x[0] * variance, x[2] * variance
-            g[0] = 0
-            g[2] = 1
-            _solve(L, g, x)
-            q22 = x[2] * variance
-            ax, bx = -c2 / d, c1 / d
-            ay, by = -s2 / d, s1 / d
-            covariance[n, 0, 0] = ax * ax * q00 + 2 * ax * bx * q02 + bx * bx * q22
-            covariance[n, 1, 1] = ay * ay * q00 + 2 * ay * by * q02 + by * by * q22
-            covariance[n, 0, 1] = ax * ay * q00 + (ax * by + ay * bx) * q02 + bx * by * q22
-            covariance[n, 1, 0] = covariance[n, 0, 1]
-        t[0] += corners[n, 0]
-        t[1] += corners[n, 1]
+        info[n, 0], info[n, 2] = variance, converged
+        _corner_covariance(t, variance, work, covariance[n])
+        t[0], t[1] = t[0] + cx, t[1] + cy
