@@ -7,9 +7,12 @@ The folders in alphabetical order are the pipeline and the import order::
 Names import their module when first used, so ``import stereocal as sc`` costs nothing.
 """
 
+from stereocal.base.kernel_cache import provide_kernel_cache
 from stereocal.base.lazy import attach
 
 __version__ = "0.1.0"
+
+provide_kernel_cache()
 
 NAMES_OF_MODULE = {
     "stereocal.base.errors": (
@@ -46,6 +49,7 @@ NAMES_OF_MODULE = {
     "stereocal.pair.rectification": ("Rectification", "rectify"),
     "stereocal.pair.relative_pose": ("decompose_essential", "project_to_essential", "recover_pose"),
     "stereocal.pair.rig": ("StereoRig",),
+    "stereocal.pair.rig_calibration": ("RigCalibration", "calibrate_rig"),
     "stereocal.pair.stereo_calibration": ("StereoCalibration", "calibrate_stereo"),
     "stereocal.pair.uncalibrated": ("rectify_uncalibrated",),
     "stereocal.reconstruction.block_matching": ("match_bm",),

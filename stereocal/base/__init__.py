@@ -9,6 +9,7 @@
 ``least_squares``    Levenberg-Marquardt, the solver of every fit in the library
 ``equations``        the paper's equations: printed, corrected, implemented by
 ``atomic_files``     files written whole or not at all
+``kernel_cache``     where compiled kernels are kept, on read-only machines too
 ``lazy``             names that import their module when first used
 ===================  ==========================================================
 """
