@@ -31,9 +31,9 @@ def as_array(value: ArrayLike, shape: tuple[int | None, ...], name: str, *, fini
         If it is not numeric, has another shape, or holds NaN or infinity while `finite`.
     """
     try:
-        array = np.ascontiguousarray(value, dtype=np.float64)
+        array = np.ascontiguousarray(_real(value), dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"{name} must be numbers of shape {_spelt(shape)}, not {type(value).__name__}") from error
+        raise InputError(f"{name} must be real numbers of shape {_spelt(shape)}, not {type(value).__name__}") from error
     if array.ndim != len(shape) or any(want not in (None, have) for want, have in zip(shape, array.shape, strict=True)):
         raise InputError(f"{name} must have shape {_spelt(shape)}, but has {array.shape}")
     if finite:
@@ -58,9 +58,9 @@ def as_points(points: ArrayLike, dimension: int, name: str, *, minimum: int = 0,
         Whether NaN and infinity are refused.
     """
     try:
-        array = np.asarray(points, dtype=np.float64)
+        array = np.asarray(_real(points), dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"{name} must be an (N, {dimension}) array of numbers") from error
+        raise InputError(f"{name} must be an (N, {dimension}) array of real numbers") from error
     given = array.shape
     if array.ndim == 1 and array.size == dimension:
         array = array[None, :]
@@ -180,6 +180,14 @@ def require_choice(value: str, choices: tuple[str, ...], name: str) -> str:
     if value not in choices:
         raise InputError(f"{name} must be one of {', '.join(choices)}, not {value!r}")
     return value
+
+
+def _real(value: ArrayLike) -> NDArray[Any]:
+    """Return an array that is not of complex numbers: numpy would drop their imaginary parts."""
+    array = np.asarray(value)
+    if array.dtype.kind == "c":
+        raise TypeError("complex numbers")
+    return array
 
 
 def _spelt(shape: tuple[int | None, ...]) -> str:

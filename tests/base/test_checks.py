@@ -27,7 +27,9 @@ def test_one_point_may_be_a_vector() -> None:
         (np.zeros((5, 3)), r"points must have shape \(N, 2\), but has \(5, 3\)"),
         (np.zeros((2, 3, 2)), r"but has \(2, 3, 2\)"),
         ([[1, np.nan]] * 4, "points holds 4 values that are NaN or infinite"),
-        ("corners", r"points must be an \(N, 2\) array of numbers"),
+        ("corners", r"points must be an \(N, 2\) array of real numbers"),
+        (np.ones((5, 2)) * 1j, r"points must be an \(N, 2\) array of real numbers"),
+        ([[1, 2], [3]], r"points must be an \(N, 2\) array of real numbers"),
         (np.zeros((3, 2)), "points holds 3 points, but at least 4 are needed"),
     ],
 )
@@ -46,6 +48,7 @@ def test_nan_points_pass_where_the_caller_handles_them() -> None:
         (np.eye(4), r"K must have shape \(3, 3\)"),
         ([[0, 0, 1], [0, 1, 1], [0, 0, 1]], "positive focal lengths"),
         ([[500, 0, 320], [0, 500, 240], [0, 0.5, 1]], "upper triangular"),
+        (np.eye(3) + 0j, r"K must be real numbers of shape \(3, 3\)"),
         ([[500, 0, np.inf], [0, 500, 240], [0, 0, 1]], "NaN or infinite"),
     ],
 )
