@@ -53,7 +53,7 @@ def filter_speckles(
         The largest island that is removed, in pixels: an AREA, not the side of a window. 0 removes nothing.
     max_difference : float
         Neighbours that differ by at most this much belong together; in the unit of `disparity` (pixels, or sixteenths
-        of a pixel in OpenCV's int16 maps).
+        of a pixel in OpenCV's int16 maps). On integer maps it is rounded to a whole number first, as OpenCV does.
     no_disparity : float
         What marks a pixel without a disparity. An integer map needs it, for it has no NaN.
     backend : {"numba", "numpy"}
@@ -73,8 +73,8 @@ def filter_speckles(
     -----
     Paper: [alg-speckle], whose `minDiff` is `max_difference` and whose `nVal` is `no_disparity`.
     Answers to ``cv2.filterSpeckles(disparity, no_disparity, max_size, max_difference)``: identical on uint8 and int16
-    (up to a max_difference of 32767, from where OpenCV's wraps around); on float maps, which OpenCV does not take,
-    identical to OpenCV on the same map in sixteenths of a pixel.
+    (up to a max_difference of 255 and 32767, from where OpenCV's wraps around); on float maps, which OpenCV does not
+    take, identical to OpenCV on the same map in sixteenths of a pixel.
 
     Examples
     --------
@@ -86,7 +86,7 @@ def filter_speckles(
     array([ 8.,  8., nan, nan,  8.,  8.], dtype=float32)
     """
     max_size = require_integer(max_size, "max_size", minimum=0)
-    array, marker = _as_disparity(disparity, no_disparity, max_difference)
+    array, marker, max_difference = _as_disparity(disparity, no_disparity, max_difference)
     if not _runs_apply(backend):
         sizes = _component_sizes(array, marker, max_difference, backend)
         return np.where((sizes > 0) & (sizes <= max_size), marker, array)
@@ -123,7 +123,7 @@ def speckle_sizes(
     ndarray of shape (H, W), int32
         Pixels in the island; 0 where there is no disparity.
     """
-    array, marker = _as_disparity(disparity, no_disparity, max_difference)
+    array, marker, max_difference = _as_disparity(disparity, no_disparity, max_difference)
     if not _runs_apply(backend):
         return _component_sizes(array, marker, max_difference, backend)
     from stereocal.reconstruction import speckles_kernels as kernels
@@ -253,8 +253,8 @@ def _speckle_sizes_reference(
     return np.where(valid, size, 0).astype(np.int32)
 
 
-def _as_disparity(disparity: ArrayLike, no_disparity: float, max_difference: float) -> tuple[NDArray[Any], Any]:
-    """Return the map, contiguous, and the marker in its dtype."""
+def _as_disparity(disparity: ArrayLike, no_disparity: float, max_difference: float) -> tuple[NDArray[Any], Any, float]:
+    """Return the map, contiguous, the marker in its dtype, and the difference, whole where the map is."""
     if not max_difference >= 0:
         raise InputError(f"max_difference must be 0 or more, but is {max_difference!r}")
     array = np.ascontiguousarray(disparity)
@@ -268,4 +268,5 @@ def _as_disparity(disparity: ArrayLike, no_disparity: float, max_difference: flo
         limits = np.iinfo(array.dtype)
         if not (limits.min <= no_disparity <= limits.max and float(no_disparity).is_integer()):
             raise InputError(f"no_disparity is {no_disparity!r}, which {array.dtype} cannot hold")
-    return array, array.dtype.type(no_disparity)
+        max_difference = float(np.rint(max_difference))  # half to even, as OpenCV's cvRound
+    return array, array.dtype.type(no_disparity), max_difference

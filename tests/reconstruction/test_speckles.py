@@ -26,7 +26,7 @@ def sixteenths(seed: int, height: int, width: int, levels: int, holes: float) ->
     return disparity
 
 
-def opencv_filter(disparity: np.ndarray, none: int, max_size: int, max_difference: int) -> np.ndarray:
+def opencv_filter(disparity: np.ndarray, none: int, max_size: int, max_difference: float) -> np.ndarray:
     filtered = disparity.copy()
     cv2.filterSpeckles(filtered, none, max_size, max_difference)
     return filtered
@@ -66,6 +66,16 @@ def test_bytes_and_extremes(seed, none, max_difference) -> None:
         filter_speckles(large, max_size=5, max_difference=30000, no_disparity=none),
         opencv_filter(large, none, 5, 30000),
     )
+
+
+@settings(max_examples=20)
+@given(drawn=maps, max_difference=st.sampled_from([0.5, 1.5, 1.9, 2.5, 16.4]))
+def test_a_fraction_is_rounded_on_integer_maps_as_in_opencv(drawn, max_difference) -> None:
+    disparity = sixteenths(*drawn)
+    expected = opencv_filter(disparity, NONE, 7, max_difference)
+    for backend in ("numba", "numpy"):
+        ours = filter_speckles(disparity, max_size=7, max_difference=max_difference, no_disparity=NONE, backend=backend)
+        np.testing.assert_array_equal(ours, expected)
 
 
 @settings(max_examples=30)
