@@ -45,6 +45,8 @@ from stereocal.pair.relative_pose import decompose_essential as decompose_essent
 from stereocal.pair.relative_pose import project_to_essential as project_to_essential
 from stereocal.pair.relative_pose import recover_pose as recover_pose
 from stereocal.pair.rig import StereoRig as StereoRig
+from stereocal.pair.rig_calibration import RigCalibration as RigCalibration
+from stereocal.pair.rig_calibration import calibrate_rig as calibrate_rig
 from stereocal.pair.stereo_calibration import StereoCalibration as StereoCalibration
 from stereocal.pair.stereo_calibration import calibrate_stereo as calibrate_stereo
 from stereocal.pair.uncalibrated import rectify_uncalibrated as rectify_uncalibrated

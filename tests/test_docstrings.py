@@ -16,7 +16,10 @@ import stereocal as sc
 
 # A result is made by the function that returns it, never by a caller: its fields are documented under Attributes, and
 # the function's example shows it. An error is raised, not built; `DataFileError`'s parameters are documented.
-RESULTS = {"CameraCalibration", "Detection", "QualityReport", "Rectification", "StereoCalibration", "SyntheticRig"}
+RESULTS = {
+    "CameraCalibration", "Detection", "QualityReport", "Rectification", "RigCalibration", "StereoCalibration",
+    "SyntheticRig",
+}  # fmt: skip
 ERRORS = {"ConvergenceError", "DataFileError", "DegenerateGeometryError", "InputError", "StereocalError"}
 
 PUBLIC = [name for names in sc.NAMES_OF_MODULE.values() for name in names]

@@ -40,6 +40,7 @@ from stereocal.camera.degeneracy import ADVICE, refuse_degenerate
 from stereocal.camera.distortion import distortion_model
 from stereocal.camera.distortion_base import DistortionModel
 from stereocal.camera.initialisation import solve_from_starts
+from stereocal.camera.lens_starts import first_lens
 from stereocal.camera.losses import LOSSES
 from stereocal.camera.model import Camera
 from stereocal.camera.outliers import RejectedCorner, report_rejected, solve_without_outliers
@@ -234,7 +235,7 @@ def calibrate_camera(
             bundle, lens, held, size, aspect_ratio=aspect_ratio, max_iterations=max_iterations, backend=backend
         )
     else:
-        state = _given_state(objects, images, initial, lens)
+        state = _given_state(objects, images, initial, lens, held)
         solution = solve_bundle(bundle, state, max_iterations=max_iterations, backend=backend)
     everything, kept, rejected = bundle, np.ones(len(bundle.points), dtype=bool), []
     if reject_outliers:
@@ -269,10 +270,12 @@ def _require_views(images: list[Float], held: set[str]) -> None:
         )
 
 
-def _given_state(objects: list[Float], images: list[Float], initial: Camera, lens: DistortionModel) -> BundleState:
+def _given_state(
+    objects: list[Float], images: list[Float], initial: Camera, lens: DistortionModel, held: set[str]
+) -> BundleState:
     """The start from a camera that the user gave; its lens counts where it is of the same model."""
     R, t = initial_poses(objects, images, initial)
-    theta = np.concatenate([intrinsics_of(initial)[:5], lens.start()])
+    theta = np.concatenate([intrinsics_of(initial)[:5], first_lens(lens, held)])
     if initial.model == lens.name:
         theta = intrinsics_of(initial)
     return BundleState([theta], np.eye(3)[None], np.zeros((1, 3)), R, t)

@@ -9,7 +9,7 @@ families are one function of the radius, or of the angle for a fisheye,
 
     g(r) = r (1 + a₁ s + a₂ s² + a₃ s³ + a₄ s⁴) / (1 + b₁ s + b₂ s² + b₃ s³),   s = r²,
 
-and a general map is told by its number of coefficients: twelve, k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4, are Brown's formula
+and a general map is told by its number of coefficients: twelve, k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4, are Brown's
 (``distortion_brown``), eighteen are W of the rational function (``distortion_rational_function``).
 """
 

@@ -17,7 +17,7 @@ second start from which the prism is left out at first.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 
 import numpy as np
@@ -78,16 +78,34 @@ def staged_start(
                    shape_basis=None)  # fmt: skip
     first = solve_bundle(tied, state_of(*camera, np.zeros(2)), max_iterations=50, backend=backend)
     if not np.isfinite(first.cost):
-        return state_of(*camera, lens.start())
+        return state_of(*camera, first_lens(lens, held))
     theta, state = first.state.intrinsics[0], first.state
     view = np.repeat(bundle.view_of_block, np.diff(bundle.offsets))
     X_c = np.einsum("nij,nj->ni", state.R_views[view], bundle.points) + state.t_views[view]
-    k, scale = convert_lens(lens, theta[5:], X_c[:, :2] / X_c[:, 2:])
+    k, scale = convert_lens(lens, theta[5:], X_c[:, :2] / X_c[:, 2:], held)
     K = np.array([[theta[0] * scale, 0, theta[2]], [0, theta[1] * scale, theta[3]], [0, 0, 1.0]])
     return state_of(K, state.R_views, state.t_views, k)
 
 
-def convert_lens(target: DistortionModel, k12: Float, x: Float) -> tuple[Float, float]:
+def first_lens(lens: DistortionModel, held: Collection[str]) -> Float:
+    """Return the k that a lens starts with: what is held has the value of no lens.
+
+    Parameters
+    ----------
+    lens : DistortionModel
+        The model.
+    held : collection of str
+        Names of parameters that are held.
+
+    Returns
+    -------
+    ndarray
+    """
+    hold = np.array([name in held for name in lens.parameter_names], dtype=bool)
+    return np.where(hold, lens.neutral(), lens.start())
+
+
+def convert_lens(target: DistortionModel, k12: Float, x: Float, held: Collection[str] = ()) -> tuple[Float, float]:
     """Return the k of `target`, and a scale a of the focal length, with a·x_d(x; k) = the curve of k1, k2.
 
     Parameters
@@ -98,14 +116,17 @@ def convert_lens(target: DistortionModel, k12: Float, x: Float) -> tuple[Float, 
         k1, k2.
     x : ndarray of shape (N, 2)
         Points of the normalised plane at which the curves are to meet.
+    held : collection of str
+        Names of parameters that are held, besides those that the model holds itself.
 
     Returns
     -------
     k : ndarray
     a : float
     """
-    free = np.array([name not in target.fixed_by_default for name in target.parameter_names], dtype=bool)
-    k = target.start()
+    held = {*held, *target.fixed_by_default}
+    free = np.array([name not in held for name in target.parameter_names], dtype=bool)
+    k = first_lens(target, held)
     if not free.any():
         return k, 1.0
     x = x[:: max(1, len(x) // _ENOUGH_POINTS)]

@@ -10,9 +10,9 @@ groups:
 ``"distortion"``       all of the lens
 =====================  ===============
 
-In a rig a name alone is meant for every camera; ``"left.k3"`` or ``"right.k3"`` for one. A tie fx = a·fy
-(``aspect_ratio=a``) leaves one unknown of two, and so does a parameter that the two cameras of a rig share
-(``share="focal_length"``: two cameras of one make, zoomed alike). All end up in one matrix G, δ(all) = G δ(free); see
+In a rig a name alone is meant for every camera; ``"left.k3"`` (of a pair) or ``"camera2.k3"`` (of more) for one. A tie
+fx = a·fy (``aspect_ratio=a``) leaves one unknown of two, and a parameter that the cameras of a rig share leaves one of
+all (``share="focal_length"``: cameras of one make, zoomed alike). All end up in one matrix G, δ(all) = G δ(free); see
 ``bundle``.
 """
 
@@ -40,9 +40,7 @@ def intrinsic_names(model: DistortionModel) -> tuple[str, ...]:
     return INTRINSIC_NAMES + model.parameter_names
 
 
-def fixed_names(
-    model: DistortionModel, fix: str | Collection[str], *, skew: bool, camera: str = "", cameras: Sequence[str] = ()
-) -> set[str]:
+def fixed_names(model: DistortionModel, fix: str | Collection[str], *, skew: bool) -> set[str]:
     """Return the names of one camera's parameters that are held.
 
     Parameters
@@ -50,13 +48,9 @@ def fixed_names(
     model : DistortionModel
         Its lens model.
     fix : str or collection of str
-        Names and groups, with or without a camera's prefix.
+        Names and groups.
     skew : bool
         Whether the skew is free.
-    camera : str
-        This camera's prefix, such as ``"left"``.
-    cameras : sequence of str
-        All prefixes there are.
 
     Returns
     -------
@@ -69,14 +63,7 @@ def fixed_names(
     """
     known = intrinsic_names(model)
     held = set(model.fixed_by_default) | (set() if skew else {"skew"})
-    for entry in [fix] if isinstance(fix, str) else list(fix):
-        prefix, _, name = str(entry).rpartition(".")
-        if prefix and prefix not in cameras:
-            raise InputError(
-                f"fix names {entry!r}, but there is no camera {prefix!r}; there is {', '.join(cameras) or 'one'}"
-            )
-        if prefix and prefix != camera:
-            continue
+    for name in [fix] if isinstance(fix, str) else list(fix):
         if name == "distortion":
             held |= set(model.parameter_names)
         elif name in GROUPS:
@@ -85,7 +72,7 @@ def fixed_names(
             held.add(name)
         else:
             choices = ", ".join((*known, *GROUPS, "distortion"))
-            raise InputError(f"fix names {entry!r}, which model {model.name!r} does not have; it has {choices}")
+            raise InputError(f"fix names {name!r}, which model {model.name!r} does not have; it has {choices}")
     return held
 
 
@@ -113,32 +100,36 @@ def free_columns(names: Sequence[str], held: Collection[str], aspect_ratio: floa
     return np.ascontiguousarray(G[:, keep])
 
 
-def _shared_rows(names: Sequence[Sequence[str]], share: str | Collection[str]) -> list[tuple[int, int]]:
-    """Rows of G, first and second camera, of the parameters that are shared."""
+def _shared_rows(names: Sequence[Sequence[str]], share: str | Collection[str]) -> list[list[int]]:
+    """Rows of G, one a camera, of each parameter that is shared."""
+    first = np.cumsum([0, *(len(of_camera) for of_camera in names)])
+    common = [name for name in names[0] if all(name in of_camera for of_camera in names)]
     wanted: list[str] = []
     for entry in [share] if isinstance(share, str) else list(share):
         if entry == "distortion":
             group: tuple[str, ...] = tuple(names[0][len(INTRINSIC_NAMES) :])
         else:
             group = GROUPS.get(entry, (entry,))
-        for name in group:
-            if any(name not in of_camera for of_camera in names):
-                raise InputError(
-                    f"share names {entry!r}, which the cameras do not both have; there is "
-                    f"{', '.join((*(n for n in names[0] if n in names[1]), *GROUPS, 'distortion'))}"
-                )
-            wanted.append(name)
-    return [(names[0].index(name), len(names[0]) + names[1].index(name)) for name in dict.fromkeys(wanted)]
+        if any(name not in common for name in group):
+            raise InputError(
+                f"share names {entry!r}, which the cameras do not all have; there is "
+                f"{', '.join((*common, *GROUPS, 'distortion'))}"
+            )
+        wanted += group
+    return [
+        [int(row) + list(of_camera).index(name) for row, of_camera in zip(first[:-1], names, strict=True)]
+        for name in dict.fromkeys(wanted)
+    ]
 
 
 def share_columns(G: Float, names: Sequence[Sequence[str]], share: str | Collection[str]) -> Float:
-    """Return G with one unknown for each parameter that two cameras share.
+    """Return G with one unknown for each parameter that the cameras of a rig share.
 
     Parameters
     ----------
     G : ndarray
-        Of a rig of two cameras.
-    names : two sequences of str
+        Of a rig.
+    names : sequences of str
         Parameters of each camera, in order.
     share : str or collection of str
         Names and groups.
@@ -150,28 +141,29 @@ def share_columns(G: Float, names: Sequence[Sequence[str]], share: str | Collect
     Raises
     ------
     InputError
-        If a name is not a parameter of both cameras, or held in one of them only.
+        If a name is not a parameter of every camera, or held in some of them only.
     """
-    for a, b in _shared_rows(names, share):
-        of_a, of_b = np.flatnonzero(G[a]), np.flatnonzero(G[b])
-        if len(of_a) != len(of_b):
-            raise InputError(f"share names {names[0][a]!r}, which is held in one of the cameras; hold it in both")
-        if len(of_a) == 0 or of_a[0] == of_b[0]:
-            continue  # held in both, or tied already by way of the aspect ratio
-        i, j = int(of_a[0]), int(of_b[0])
-        G = G.copy()
-        G[:, i] += G[a, i] / G[b, j] * G[:, j]
-        G = np.delete(G, j, axis=1)
+    for a, *others in _shared_rows(names, share):
+        for b in others:
+            of_a, of_b = np.flatnonzero(G[a]), np.flatnonzero(G[b])
+            if len(of_a) != len(of_b):
+                raise InputError(f"share names {names[0][a]!r}, which is held in one of the cameras; hold it in all")
+            if len(of_a) == 0 or of_a[0] == of_b[0]:
+                continue  # held in all, or tied already by way of the aspect ratio
+            i, j = int(of_a[0]), int(of_b[0])
+            G = G.copy()
+            G[:, i] += G[a, i] / G[b, j] * G[:, j]
+            G = np.delete(G, j, axis=1)
     return np.ascontiguousarray(G)
 
 
 def with_shared_values(state: BundleState, names: Sequence[Sequence[str]], share: str | Collection[str]) -> BundleState:
-    """Return a rig's state in which shared parameters have their mean in both cameras.
+    """Return a rig's state in which shared parameters have their mean in every camera.
 
     Parameters
     ----------
     state : BundleState
-        Of two cameras.
+        Of a rig.
     names, share
         See :func:`share_columns`.
 
@@ -180,9 +172,9 @@ def with_shared_values(state: BundleState, names: Sequence[Sequence[str]], share
     BundleState
     """
     theta = np.concatenate(state.intrinsics)
-    for a, b in _shared_rows(names, share):
-        theta[a] = theta[b] = 0.5 * (theta[a] + theta[b])
-    return replace(state, intrinsics=np.split(theta, [len(names[0])]))
+    for rows in _shared_rows(names, share):
+        theta[rows] = np.mean(theta[rows])
+    return replace(state, intrinsics=np.split(theta, np.cumsum([len(of_camera) for of_camera in names])[:-1]))
 
 
 def prior_arrays(names: Sequence[str], priors: Mapping[str, tuple[float, float]]) -> tuple[Float, Float]:

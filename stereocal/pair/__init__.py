@@ -1,10 +1,12 @@
-"""Two cameras: how they stand, what one picture says about the other, and pictures whose rows match.
+"""Two cameras, or more: how they stand, what one picture says about the other, and pictures whose rows match.
 
 ==========================  ==============================================================================
 ``rig``                     two cameras and the motion between them
 ``stereo_calibration``      R, T and both cameras from boards that both see
-``stereo_inputs``           what the user passes to it, sorted by camera
-``stereo_start``            where it starts: from each camera by itself
+``rig_calibration``         any number of cameras, from boards that some of them see
+``rig_inputs``              what the user passes to the two, sorted by camera
+``rig_start``               where their fit starts: from each camera by itself
+``rig_solution``            the joint fit itself, of any number of cameras
 ``corner_order``            one corner order for both pictures of a pair
 ``diagnosis``               what is wrong with a set of pairs: flips, mispairing, late shutters, knocks, bends
 ``findings``                one thing that is wrong: what a diagnosis is made of

@@ -6,10 +6,7 @@ A pair of views has ONE pose of the board, in the left camera's frame; R and T t
 camera's corners help to place the board for the left, and the other way round: the intrinsics gain, and R, T are the
 best for all pairs at once.
 
-The way there: each camera by itself (``camera.calibration``), R and T of each pair from its two poses, R_i^R (R_i^L)ᵀ
-and so on, the medians of those as a start (``pair.stereo_start``), and then the bundle engine on all unknowns
-(``camera.bundle``). With
-``fix_intrinsics`` only the poses, R and T are free: the classical second step, worse than the joint optimum.
+How the optimum is reached, ``rig_solution`` tells; here the two cameras of a rig get their names.
 
 Pairs that disagree with the median by a large turn are the sign of corners counted from opposite ends in the two
 images (see ``pair.corner_order``).
@@ -17,43 +14,26 @@ images (see ``pair.corner_order``).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
-from itertools import pairwise
-from typing import Any
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stereocal.base.checks import Float, as_image_size, require_choice, require_positive
-from stereocal.base.errors import ConvergenceError, DegenerateGeometryError, InputError
-from stereocal.base.rotations import rotation_matrices, rotation_vector
+from stereocal.base.checks import Float, as_image_size
+from stereocal.base.errors import InputError
+from stereocal.base.rotations import rotation_vector
 from stereocal.camera.board_shape import BoardShape, board_line
-from stereocal.camera.board_shape_fit import board_shape_of, fit_shape
-from stereocal.camera.bundle import Bundle, residuals
-from stereocal.camera.bundle_problem import camera_of, intrinsics_of, make_bundle, whitening_of
-from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
-from stereocal.camera.calibration import CameraCalibration, calibrate_camera
-from stereocal.camera.covariance import BundleCovariance, bundle_covariance
-from stereocal.camera.degeneracy import ADVICE
+from stereocal.camera.bundle_problem import intrinsics_of
+from stereocal.camera.calibration import CameraCalibration
+from stereocal.camera.covariance import BundleCovariance
 from stereocal.camera.distortion import distortion_model
-from stereocal.camera.losses import LOSSES
 from stereocal.camera.model import Camera
-from stereocal.camera.outliers import RejectedCorner, report_rejected, solve_without_outliers
-from stereocal.camera.parameters import (
-    fixed_names,
-    free_columns,
-    intrinsic_names,
-    prior_arrays,
-    share_columns,
-    with_shared_values,
-)
-from stereocal.camera.pose import estimate_poses
-from stereocal.camera.priors import solve_with_priors
+from stereocal.camera.outliers import RejectedCorner
+from stereocal.camera.parameters import intrinsic_names
 from stereocal.pair.rig import StereoRig
-from stereocal.pair.stereo_inputs import RIG_NAMES, SIDES, fix_of_side, paired_views, spread_priors
-from stereocal.pair.stereo_start import Poses, is_unsure, starting_state
+from stereocal.pair.rig_inputs import MOTION_NAMES, SIDES, paired_views
+from stereocal.pair.rig_solution import RigOptions, RigSolution, RigViews, solve_rig
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,181 +211,48 @@ def calibrate_stereo(
     (True, True)
     """
     sizes = (as_image_size(image_size), as_image_size(right_image_size or image_size))
-    require_choice(loss, LOSSES, "loss")
-    require_positive(loss_scale, "loss_scale")
-    objects, images = paired_views(object_points, left_points, right_points)
-    covariances = (left_covariances, right_covariances)
-    given = (left, right)
+    options = RigOptions(
+        fix_intrinsics=fix_intrinsics, fix=fix, loss=loss, loss_scale=loss_scale, skew=skew, aspect_ratio=aspect_ratio,
+        share=share, priors=priors, reject_outliers=reject_outliers, board_warp=board_warp,
+        max_iterations=max_iterations, backend=backend,
+    )  # fmt: skip
     if fix_intrinsics and (left is None) != (right is None):
         raise InputError(
             "fix_intrinsics needs both cameras, left= and right=, or neither (each is then calibrated first)"
         )
-
-    cameras, alone, poses, calibrations = [], [], [], []
-    for side in (0, 1):
-        seen = [i for i, y in enumerate(images[side]) if len(y)]
-        X, y = [objects[side][i] for i in seen], [images[side][i] for i in seen]
-        here = covariances[side]
-        options = {
-            "model": model, "fix": fix_of_side(fix, side), "loss": loss, "loss_scale": loss_scale, "skew": skew,
-            "aspect_ratio": aspect_ratio, "reject_outliers": reject_outliers,
-            "covariances": None if here is None else [here[i] for i in seen],
-        }  # fmt: skip
-        calibrate = partial(_calibrate_alone, side, X, y, sizes[side], options, complete=len(seen) == len(images[side]))
-        camera, calibration = given[side], None
-        if camera is None:
-            calibration = calibrate()
-            camera = calibration.camera
-            rvecs, tvecs = calibration.rvecs, calibration.tvecs
-        else:
-            rvecs, tvecs = estimate_poses(X, y, camera)
-        cameras.append(camera)
-        alone.append(calibration)
-        calibrations.append(None if calibration is None else calibrate)
-        poses.append(Poses(np.array(seen), rotation_matrices(rvecs), tvecs))
-
-    models = [distortion_model(camera.model) for camera in cameras]
-    held = [
-        set(intrinsic_names(m)) if fix_intrinsics else fixed_names(m, fix, skew=skew, camera=s, cameras=SIDES)
-        for m, s in zip(models, SIDES, strict=True)
-    ]
-    parts = [free_columns(intrinsic_names(m), h, aspect_ratio) for m, h in zip(models, held, strict=True)]
-    bundle = make_bundle(models, objects, images, _block_diagonal([*parts, np.eye(6)]))
-    bundle.whitening = whitening_of(covariances, images)
-    bundle.loss, bundle.loss_scale = loss, loss_scale
-    names = [intrinsic_names(m) for m in models]
-    if share:
-        bundle.G = share_columns(bundle.G, names, share)
-
-    def solve(cameras: list[Camera], poses: list[Poses]) -> BundleSolution:
-        state = starting_state(cameras, poses, len(images[0]))
-        state = with_shared_values(state, names, share) if share else state
-        # the start is an optimum already, of each camera by itself: steps need hardly any damping
-        return solve_bundle(bundle, state, max_iterations=max_iterations, initial_damping=1e-6, backend=backend)
-
-    solution = solve(cameras, poses)
-    if not fix_intrinsics and any(c is not None and is_unsure(c) for c in alone):
-        begin_at_none = all(np.array_equal(m.start(), m.neutral()) for m in models)
-        for held_first in ("principal_point", "distortion") if begin_at_none else ("principal_point",):
-            other = _with_held(held_first, calibrations, poses, cameras)
-            solution = solution if other is None else min(solution, solve(*other), key=lambda s: s.cost)
-    everything, kept, limit = bundle, None, np.inf
-    if reject_outliers:
-        factor = 5.0 if reject_outliers is True else require_positive(reject_outliers, "reject_outliers")
-        bundle, solution, kept, limit = solve_without_outliers(
-            bundle, solution, factor, max_iterations=max_iterations, backend=backend
-        )
-    if priors:
-        every = [f"{side}.{name}" for side, part in zip(SIDES, names, strict=True) for name in part] + list(RIG_NAMES)
-        bundle, solution = solve_with_priors(
-            bundle, solution, *prior_arrays(every, spread_priors(priors, every)), max_iterations=max_iterations
-        )
-    bundle, solution, kind, held_out = fit_shape(bundle, solution, board_warp, max_iterations=max_iterations)
-    result = _result(bundle, solution, cameras, alone, kind, held_out)
-    return result if kept is None else _with_rejected(result, everything, solution, kept, limit)
+    objects, images = paired_views(object_points, left_points, right_points)
+    views = RigViews(SIDES, sizes, objects, images, (left_covariances, right_covariances))
+    return _named(solve_rig(views, (left, right), (model, model), MOTION_NAMES, options))
 
 
-def _calibrate_alone(
-    side: int, X: list[Float], y: list[Float], size: tuple[int, int], options: dict[str, Any], *, complete: bool,
-    also_fix: Collection[str] = (),
-) -> CameraCalibration:  # fmt: skip
-    """One camera by itself; what it refuses is said to be its own."""
-    try:
-        return calibrate_camera(X, y, size, **{**options, "fix": [*options["fix"], *also_fix]})
-    except DegenerateGeometryError as error:
-        among = "" if complete else " (views counted among those it saw)"
-        raise DegenerateGeometryError(f"{SIDES[side]} camera by itself{among}: {error}") from error
-
-
-def _with_held(
-    group: str,
-    calibrations: Sequence[Callable[..., CameraCalibration] | None],
-    poses: list[Poses],
-    cameras: list[Camera],
-) -> tuple[list[Camera], list[Poses]] | None:
-    """Cameras calibrated by themselves with a group of parameters held, and their poses; given ones stay."""
-    cameras, poses = list(cameras), list(poses)
-    for side, calibrate in enumerate(calibrations):
-        if calibrate is not None:
-            try:
-                held = calibrate(also_fix=(group,))
-            except (ConvergenceError, DegenerateGeometryError):
-                return None  # the first start has to do
-            cameras[side] = held.camera
-            poses[side] = Poses(poses[side].views, rotation_matrices(held.rvecs), held.tvecs)
-    return cameras, poses
-
-
-def _with_rejected(
-    result: StereoCalibration, everything: Bundle, solution: BundleSolution, kept: np.ndarray, limit: float
-) -> StereoCalibration:
-    """The result with the residuals of all corners, as they were passed in; its RMS is that of the corners kept."""
-    d = -residuals(everything, replace(solution.state, shape=np.zeros(0)))
-    sides: tuple[list[Float], list[Float]] = (list(result.residuals[0]), list(result.residuals[1]))
-    for block, (camera, view) in enumerate(zip(everything.camera_of_block, everything.view_of_block, strict=True)):
-        sides[camera][view] = d[everything.offsets[block] : everything.offsets[block + 1]]
-    return replace(result, residuals=sides, rejected=report_rejected(everything, solution, kept, limit))
-
-
-def _block_diagonal(parts: list[Float]) -> Float:
-    """One matrix with the parts along its diagonal."""
-    G = np.zeros((sum(len(part) for part in parts), sum(part.shape[1] for part in parts)))
-    row = column = 0
-    for part in parts:
-        G[row : row + len(part), column : column + part.shape[1]] = part
-        row, column = row + len(part), column + part.shape[1]
-    return G
-
-
-def _result(
-    bundle: Bundle, solution: BundleSolution, cameras: list[Camera], alone: list[CameraCalibration | None], kind: str,
-    held_out: dict[str, float],
-) -> StereoCalibration:  # fmt: skip
-    state = solution.state
-    both = [camera_of(t, c.image_size, m) for t, c, m in zip(state.intrinsics, cameras, bundle.models, strict=True)]
-    rig = StereoRig(both[0], both[1], state.R_rig[1], state.t_rig[1])
-    joint = bundle_covariance(bundle, state, solution.equations)
-    for side, camera, part in zip(SIDES, both, bundle.intrinsic_slices, strict=True):
-        if solution.converged and not np.sqrt(joint.shared[part, part][1, 1]) < 0.5 * camera.fy:
-            raise DegenerateGeometryError(
-                f"the {len(state.R_views)} views do not determine the focal length of the {side} camera; {ADVICE}"
-            )
-    names = [f"{s}.{n}" for s, m in zip(SIDES, bundle.models, strict=True) for n in intrinsic_names(m)]
-    names += RIG_NAMES
+def _named(found: RigSolution) -> StereoCalibration:
+    rig = StereoRig(found.cameras[0], found.cameras[1], found.R[1], found.T[1])
+    lenses = [distortion_model(camera.model) for camera in found.cameras]
+    names = [f"{side}.{name}" for side, lens in zip(SIDES, lenses, strict=True) for name in intrinsic_names(lens)]
+    names += MOTION_NAMES
     direction = rig.T / rig.baseline if rig.baseline > 0 else np.zeros(3)
-    of_T = joint.shared[bundle.rig_slices[1], bundle.rig_slices[1]][3:, 3:]
-
-    d = -solution.equations.residuals
-    squares = d[:, 0] ** 2 + d[:, 1] ** 2
-    views, offsets = len(state.R_views), bundle.offsets
-    block_sums, block_counts = np.add.reduceat(squares, offsets[:-1]), np.diff(offsets)
-    per_side: tuple[list[Float], list[Float]] = ([np.zeros((0, 2))] * views, [np.zeros((0, 2))] * views)
-    camera_of_block, view_of_block = bundle.camera_of_block, bundle.view_of_block
-    rows = pairwise(offsets.tolist())
-    for camera, view, (a, b) in zip(camera_of_block.tolist(), view_of_block.tolist(), rows, strict=True):
-        per_side[camera][view] = d[a:b]
-    view_rms = np.full((views, 2), np.nan)
-    view_rms[view_of_block, camera_of_block] = np.sqrt(block_sums / block_counts)
-    sums, counts = np.bincount(camera_of_block, block_sums), np.bincount(camera_of_block, block_counts)
+    of_T = found.joint.shared[found.rig_slices[1], found.rig_slices[1]][3:, 3:]
+    state = found.solution.state
     return StereoCalibration(
         rig=rig,
-        rms=float(np.sqrt(squares.mean())),
-        left_rms=float(np.sqrt(sums[0] / counts[0])),
-        right_rms=float(np.sqrt(sums[1] / counts[1])),
-        view_rms=view_rms,
+        rms=found.rms,
+        left_rms=float(found.camera_rms[0]),
+        right_rms=float(found.camera_rms[1]),
+        view_rms=found.view_rms,
         rvecs=state.rvecs,
         tvecs=state.t_views.copy(),
-        residuals=per_side,
+        residuals=(found.residuals[0], found.residuals[1]),
         parameter_names=tuple(names),
-        covariance=joint.shared[: len(names), : len(names)],
-        std=np.sqrt(np.diag(joint.shared)[: len(names)]),
+        covariance=found.joint.shared[: len(names), : len(names)],
+        std=np.sqrt(np.diag(found.joint.shared)[: len(names)]),
         baseline_std=float(np.sqrt(direction @ of_T @ direction)),
-        pose_covariances=joint.views,
-        iterations=solution.iterations,
-        converged=solution.converged,
-        reason=solution.reason,
-        left=alone[0],
-        right=alone[1],
-        board=board_shape_of(bundle, state, kind, held_out, joint),
-        joint=joint,
+        pose_covariances=found.joint.views,
+        iterations=found.solution.iterations,
+        converged=found.solution.converged,
+        reason=found.solution.reason,
+        left=found.alone[0],
+        right=found.alone[1],
+        board=found.board,
+        joint=found.joint,
+        rejected=found.rejected,
     )

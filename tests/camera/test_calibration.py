@@ -188,6 +188,18 @@ def test_held_and_tied_parameters() -> None:
         sc.calibrate_camera(X, corners, SIZE, fix="k9")
 
 
+@pytest.mark.parametrize(
+    ("model", "held"), [("fisheye", ("k3", "k4")), ("rational_function", ("w11", "w23")), ("rational", ("k6",))]
+)
+def test_a_held_coefficient_is_that_of_no_lens_whatever_the_start(model: str, held: tuple[str, ...]) -> None:
+    """Lenses that start from a fit with k1, k2 take that curve over by the coefficients that are free."""
+    X = board()
+    corners, _ = mono_views(camera(), X, 8, seed=4, noise=0.2)
+    found = sc.calibrate_camera(X, corners, SIZE, model=model, fix=held)
+    for name in held:
+        assert found.camera.dist[MODELS[model].parameter_names.index(name)] == 0
+
+
 def test_shapes_of_opencv_users_are_accepted() -> None:
     X = board()
     corners, _ = mono_views(camera(), X, 5, seed=6, noise=0.1)

@@ -1,9 +1,12 @@
-"""Where the joint calibration of two cameras starts: from each by itself.
+"""Where the joint calibration of several cameras starts: from each by itself.
 
-Each camera alone gives the pose of the board in every view it saw. A pair of views then gives R = R_R R_Lᵀ and
-T = t_R − R t_L; the start is the median of all pairs near the one that is nearest to the rest, so that a pair whose
-corners are counted from opposite ends has no say. The poses are the left camera's, or, of views that only the right one
-saw, the right one's taken over by R and T.
+Each camera alone gives the pose of the board in every view it saw. A view that two cameras saw gives R = R_b R_aᵀ and
+T = t_b − R t_a; the start is the median of all such views near the one nearest to the rest, so that a view whose
+corners are counted from opposite ends has no say. From the first camera on, each further one is joined to the camera
+that it shares the most views with (the widest tree over the cameras), R_c = R R_parent and T_c = R T_parent + T.
+
+The poses are the first camera's, or, of views that it missed, those of the camera that joined earliest, taken over by
+its R_c and T_c.
 
 A long lens seen at moderate tilts leaves the principal point open (p1 and p2 trade for a turn of every board), and what
 is the lowest minimum for each camera need not lie in the valley of the lowest for both. Where a camera by itself is
@@ -45,12 +48,13 @@ def is_unsure(alone: CameraCalibration) -> bool:
 
 
 def starting_state(cameras: list[Camera], poses: list[Poses], count: int) -> BundleState:
-    """Return the state of the rig that two cameras by themselves suggest.
+    """Return the state of the rig that cameras by themselves suggest.
 
     Parameters
     ----------
-    cameras : list of two Camera
-    poses : list of two Poses
+    cameras : list of Camera
+    poses : list of Poses
+        One a camera; views must join them all.
     count : int
         Number of views.
 
@@ -58,10 +62,49 @@ def starting_state(cameras: list[Camera], poses: list[Poses], count: int) -> Bun
     -------
     BundleState
     """
-    R, T = median_rig(poses[0], poses[1])
-    R_views, t_views = left_poses(poses[0], poses[1], R, T, count)
-    theta = [intrinsics_of(c) for c in cameras]
-    return BundleState(theta, np.stack([np.eye(3), R]), np.stack([np.zeros(3), T]), R_views, t_views)
+    R_rig, t_rig = np.tile(np.eye(3), (len(cameras), 1, 1)), np.zeros((len(cameras), 3))
+    order = widest_tree([p.views for p in poses], count)
+    for parent, child in order:
+        R, T = median_rig(poses[parent], poses[child])
+        R_rig[child], t_rig[child] = R @ R_rig[parent], R @ t_rig[parent] + T
+    R_views, t_views = np.empty((count, 3, 3)), np.empty((count, 3))
+    for c in [*(child for _, child in reversed(order)), 0]:  # who joined earlier writes over who joined later
+        views = poses[c].views
+        R_views[views], t_views[views] = R_rig[c].T @ poses[c].R, (poses[c].t - t_rig[c]) @ R_rig[c]
+    return BundleState([intrinsics_of(c) for c in cameras], R_rig, t_rig, R_views, t_views)
+
+
+def widest_tree(views: list[np.ndarray], count: int) -> list[tuple[int, int]]:
+    """Return (camera joined to, camera) in the order of joining, from camera 0 on, by the most views in common.
+
+    Parameters
+    ----------
+    views : list of ndarray of int
+        Which views each camera saw.
+    count : int
+        Number of views.
+
+    Returns
+    -------
+    list of (int, int)
+
+    Notes
+    -----
+    Prim's algorithm for a maximum spanning tree.
+    """
+    seen = np.zeros((len(views), count))
+    for row, of_camera in zip(seen, views, strict=True):
+        row[of_camera] = 1
+    common = seen @ seen.T
+    order: list[tuple[int, int]] = []
+    inside = [0]
+    while len(inside) < len(views):
+        outside = [c for c in range(len(views)) if c not in inside]
+        best = np.argmax(common[np.ix_(inside, outside)])
+        parent, child = inside[best // len(outside)], outside[best % len(outside)]
+        order.append((parent, child))
+        inside.append(child)
+    return order
 
 
 def median_rig(left: Poses, right: Poses) -> tuple[Float, Float]:
@@ -83,11 +126,3 @@ def median_rig(left: Poses, right: Poses) -> tuple[Float, Float]:
     near = distance <= 2 * np.median(distance) + 1e-6
     U, _, Vt = np.linalg.svd(Rs[near].mean(axis=0))
     return U @ Vt, np.median(Ts[near], axis=0)
-
-
-def left_poses(left: Poses, right: Poses, R: Float, T: Float, count: int) -> tuple[Float, Float]:
-    """Poses in the left camera's frame; of views that only the right one saw, by R and T."""
-    R_views, t_views = np.empty((count, 3, 3)), np.empty((count, 3))
-    R_views[right.views], t_views[right.views] = R.T @ right.R, (right.t - T) @ R
-    R_views[left.views], t_views[left.views] = left.R, left.t
-    return R_views, t_views
