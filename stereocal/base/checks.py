@@ -191,6 +191,8 @@ def _real(value: ArrayLike) -> NDArray[Any]:
 
 
 def _spelt(shape: tuple[int | None, ...]) -> str:
+    if shape == (None, None):
+        return "(H, W)"  # a map: "(N, N)" would ask for a square one
     return (
         "(" + ", ".join("N" if side is None else str(side) for side in shape) + ("," if len(shape) == 1 else "") + ")"
     )

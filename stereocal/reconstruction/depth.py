@@ -94,7 +94,7 @@ def disparity_to_points(disparity: ArrayLike, Q: ArrayLike) -> Points:
     Parameters
     ----------
     disparity : array_like of shape (H, W)
-        Of the left image, pixels; NaN (or infinity) where there is none.
+        Of the left image, pixels; NaN, infinite or masked where there is none.
     Q : array_like of shape (4, 4)
         Reprojection matrix, as of :func:`stereocal.rectify` or ``cv2.stereoRectify``; horizontal or vertical rig.
 
@@ -147,7 +147,7 @@ def disparity_to_depth(disparity: ArrayLike, Q: ArrayLike) -> Points:
     Parameters
     ----------
     disparity : array_like of shape (H, W)
-        Of the left image, pixels; NaN (or infinity) where there is none.
+        Of the left image, pixels; NaN, infinite or masked where there is none.
     Q : array_like of shape (4, 4)
         Reprojection matrix, as of :func:`stereocal.rectify`.
 
@@ -188,7 +188,7 @@ def sigma_z(disparity: ArrayLike, Q: ArrayLike, *, sigma_d: ArrayLike = 0.25) ->
     Parameters
     ----------
     disparity : array_like of shape (H, W)
-        Of the left image, pixels; NaN (or infinity) where there is none.
+        Of the left image, pixels; NaN, infinite or masked where there is none.
     Q : array_like of shape (4, 4)
         Reprojection matrix, as of :func:`stereocal.rectify`.
     sigma_d : float or array_like of shape (H, W)
@@ -219,7 +219,10 @@ def sigma_z(disparity: ArrayLike, Q: ArrayLike, *, sigma_d: ArrayLike = 0.25) ->
     array([[10. ,  2.5]], dtype=float32)
     """
     d, matrix = _disparity_and_q(disparity, Q)
-    sigma = np.asarray(sigma_d, dtype=np.float64)
+    try:
+        sigma = np.asarray(sigma_d, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"sigma_d must be one number or an array of shape {d.shape}, pixels") from error
     if sigma.ndim and sigma.shape != d.shape:
         raise InputError(f"sigma_d must be one number or an array of shape {d.shape}, but has {sigma.shape}")
     if np.any(sigma < 0):
@@ -242,6 +245,8 @@ def _depth_and_denominator(d: Float, Q: Float) -> tuple[Float, Float]:
 
 
 def _disparity_and_q(disparity: ArrayLike, Q: ArrayLike) -> tuple[Float, Float]:
+    if isinstance(disparity, np.ma.MaskedArray):
+        disparity = np.where(np.ma.getmaskarray(disparity), np.nan, np.ma.getdata(disparity))
     d = as_array(disparity, (None, None), "disparity", finite=False)
     d = np.where(np.isfinite(d), d, np.nan)
     matrix = as_array(Q, (4, 4), "Q")

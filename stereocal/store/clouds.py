@@ -13,9 +13,10 @@ Source: G. Turk, *The PLY Polygon File Format* (1994).
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +26,9 @@ from stereocal.base.errors import DataFileError, InputError
 
 _POSITION = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
 _COLOUR = [("red", "u1"), ("green", "u1"), ("blue", "u1")]
+POINTS_AT_A_TIME = 2**18
+"""How many points are packed at once, so that a large cloud needs no second copy in memory."""
+
 _TYPE_NAMES = {"float": "<f4", "float32": "<f4", "double": "<f8", "float64": "<f8", "uchar": "u1", "uint8": "u1"}
 
 
@@ -63,24 +67,18 @@ def write_ply(path: str | os.PathLike[str], points: ArrayLike, colors: ArrayLike
     ...     sc.write_ply(Path(folder) / "cloud.ply", points)
     2
     """
-    positions = np.asarray(points)
-    if positions.dtype.kind not in "fiu" or positions.ndim < 2 or positions.shape[-1] != 3:
-        raise InputError(f"points must be numbers of shape (N, 3) or (H, W, 3), but are {positions.shape}")
-    count = positions.size // 3
-    positions = positions.reshape(count, 3).astype(np.float32)
-    keep = np.isfinite(positions).all(axis=1)
-    columns = _POSITION
-    if colors is not None:
-        shades = _as_colours(colors, count)
-        columns = _POSITION + _COLOUR
-    records = np.empty(int(keep.sum()), dtype=columns)
-    for i, (name, _) in enumerate(_POSITION):
-        records[name] = positions[keep, i]
-    if colors is not None:
-        for i, (name, _) in enumerate(_COLOUR):
-            records[name] = shades[keep, i]
-    write_whole(path, _header(len(records), colored=colors is not None).encode() + records.tobytes())
-    return len(records)
+    positions, grid = _as_positions(points)
+    shades = None if colors is None else _as_colours(colors, grid)
+    slices = [slice(first, first + POINTS_AT_A_TIME) for first in range(0, len(positions), POINTS_AT_A_TIME)]
+    count = sum(int(_is_point(positions[some]).sum()) for some in slices)
+
+    def write(stream: BinaryIO) -> None:
+        stream.write(_header(count, colored=shades is not None).encode())
+        for some in slices:
+            stream.write(_records(positions[some], None if shades is None else shades[some]).tobytes())
+
+    write_whole(path, write)
+    return count
 
 
 def read_ply(path: str | os.PathLike[str]) -> tuple[NDArray[np.float32], NDArray[np.uint8] | None]:
@@ -118,15 +116,47 @@ def read_ply(path: str | os.PathLike[str]) -> tuple[NDArray[np.float32], NDArray
     return points, np.stack([records[name].astype(np.uint8) for name in ("red", "green", "blue")], axis=1)
 
 
-def _as_colours(colors: ArrayLike, count: int) -> NDArray[np.uint8]:
+def _as_positions(points: ArrayLike) -> tuple[NDArray[Any], tuple[int, ...]]:
+    """Return the points as (N, 3), and the shape that they were given in: (N,) or (H, W)."""
+    try:
+        positions = np.asarray(points)
+    except ValueError as error:  # rows of unequal length
+        raise InputError("points must be numbers of shape (N, 3) or (H, W, 3), each row as long as the next") from error
+    if positions.dtype.kind not in "fiu" or positions.ndim < 2 or positions.shape[-1] != 3:
+        raise InputError(f"points must be numbers of shape (N, 3) or (H, W, 3), but are {positions.shape}")
+    return positions.reshape(-1, 3), positions.shape[:-1]
+
+
+def _as_colours(colors: ArrayLike, grid: tuple[int, ...]) -> NDArray[np.uint8]:
+    """Return the colours as (N, 3) or, grey, (N, 1); a map of another shape would colour the wrong points."""
     shades = np.asarray(colors)
     if shades.dtype != np.uint8:
-        raise InputError(f"colors must be uint8, not {shades.dtype}")
-    if shades.size == count:
-        return np.repeat(shades.reshape(count, 1), 3, axis=1)
-    if shades.shape[-1] != 3 or shades.size != 3 * count:
-        raise InputError(f"colors must give each of the {count} points R, G, B or a grey value, but are {shades.shape}")
-    return shades.reshape(count, 3)
+        raise InputError(f"colors must be uint8 (0 to 255), not {shades.dtype}; scale or convert them first")
+    count = math.prod(grid)
+    for shape in (grid, (count,)):
+        for channels in ((3,), (1,), ()):
+            if shades.shape == shape + channels:
+                return shades.reshape(count, *channels or (1,))
+    wanted = " or ".join(str(shape) for shape in ((*grid, 3), grid))
+    raise InputError(f"colors must give each point R, G, B or a grey value, shape {wanted}, but are {shades.shape}")
+
+
+def _is_point(positions: NDArray[Any]) -> NDArray[np.bool_]:
+    """Which are finite, in the file's float32 too."""
+    with np.errstate(over="ignore"):
+        return np.asarray(np.isfinite(positions.astype(np.float32, copy=False)).all(axis=1))
+
+
+def _records(positions: NDArray[Any], shades: NDArray[np.uint8] | None) -> NDArray[Any]:
+    """Return the packed records of the points that are points."""
+    keep = _is_point(positions)
+    records = np.empty(int(keep.sum()), dtype=_POSITION if shades is None else _POSITION + _COLOUR)
+    for (name, _), column in zip(_POSITION, positions[keep].T, strict=True):
+        records[name] = column
+    if shades is not None:
+        for i, (name, _) in enumerate(_COLOUR):
+            records[name] = shades[keep, i % shades.shape[1]]
+    return records
 
 
 def _header(count: int, *, colored: bool) -> str:

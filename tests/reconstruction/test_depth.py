@@ -49,11 +49,16 @@ def test_no_disparity_is_no_point_never_zero(seed) -> None:
     rng = np.random.default_rng(seed)
     d = rng.uniform(1, 60, (12, 17)).astype(np.float32)
     missing = rng.random(d.shape) < 0.3
+    masked = np.ma.masked_array(d.copy(), missing)
     d[missing] = rng.choice([np.nan, np.inf, -np.inf], missing.sum())
     Q = reprojection_matrix(F, CENTRE, B)
-    for result in (disparity_to_points(d, Q)[..., 0], disparity_to_depth(d, Q), sigma_z(d, Q)):
-        np.testing.assert_array_equal(np.isnan(result), missing)
-        assert result.dtype == np.float32
+    for given_as in (d, masked):
+        for result in (
+            disparity_to_points(given_as, Q)[..., 0], disparity_to_depth(given_as, Q), sigma_z(given_as, Q),
+        ):  # fmt: skip
+            np.testing.assert_array_equal(np.isnan(result), missing)
+            assert result.dtype == np.float32
+            assert type(result) is np.ndarray
 
 
 def test_zero_disparity_is_a_point_at_infinity() -> None:
@@ -112,7 +117,7 @@ def test_sigma_d_may_differ_from_pixel_to_pixel() -> None:
 
 def test_bad_input_is_named() -> None:
     d, Q = np.ones((3, 4)), reprojection_matrix(F, CENTRE, B)
-    with pytest.raises(InputError, match="disparity must have shape"):
+    with pytest.raises(InputError, match=r"disparity must have shape \(H, W\)"):
         disparity_to_points(np.ones(3), Q)
     with pytest.raises(InputError, match="Q must have shape"):
         disparity_to_depth(d, np.eye(3))
@@ -120,6 +125,8 @@ def test_bad_input_is_named() -> None:
         sigma_z(d, Q, sigma_d=-0.1)
     with pytest.raises(InputError, match="sigma_d"):
         sigma_z(d, Q, sigma_d=np.ones((2, 2)))
+    with pytest.raises(InputError, match="sigma_d"):
+        sigma_z(d, Q, sigma_d="a tenth")
     with pytest.raises(InputError, match="baseline"):
         reprojection_matrix(F, CENTRE, 0.0)
     with pytest.raises(DegenerateGeometryError, match="baseline"):

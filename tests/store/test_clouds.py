@@ -46,9 +46,23 @@ def test_maps_of_points_and_bad_shapes(tmp_path):
         (np.ones((4, 2)), None),
         (np.ones((4, 3)), np.ones((5, 3), np.uint8)),
         (np.ones((4, 3)), np.ones((4, 3))),
+        (np.ones((4, 5, 3)), np.ones((5, 4, 3), np.uint8)),  # as many, but each another pixel's
+        ([[1, 2, 3], [4, 5]], None),
     ):
         with pytest.raises(InputError):
             write_ply(tmp_path / "a.ply", points, colors)
+
+
+def test_a_cloud_of_several_portions(tmp_path, monkeypatch):
+    monkeypatch.setattr("stereocal.store.clouds.POINTS_AT_A_TIME", 7)
+    points = np.arange(60.0).reshape(4, 5, 3)
+    points[1, 2, 0], points[3, 4, 1] = np.nan, 1e300  # the second is finite, but not in the file's float32
+    colors = np.arange(60, dtype=np.uint8).reshape(4, 5, 3)
+    valid = np.abs(points).max(axis=2) < 1e30
+    assert write_ply(tmp_path / "a.ply", points, colors) == 18
+    back, shades = read_ply(tmp_path / "a.ply")
+    np.testing.assert_array_equal(back, points[valid])
+    np.testing.assert_array_equal(shades, colors[valid])
 
 
 @pytest.mark.parametrize(
