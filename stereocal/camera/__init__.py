@@ -17,8 +17,10 @@
 ``homography_kernels``              many at once, compiled
 ``zhang``                           camera matrix and pose from homographies, in closed form
 ``calibration``                     calibrate_camera: from corners to a camera with its uncertainty
+``seen_boards``                     the homographies of all views and the poses they give
 ``initialisation``                  where the iteration starts
 ``lens_starts``                     where a lens starts
+``lens_doubts``                     what a fit leaves open: coefficients that trade, kinks, a centre adrift
 ``bundle``                          bundle adjustment: residuals, derivatives, block normal equations
 ``bundle_kernels``                  the same, compiled
 ``bundle_solver``                   Levenberg–Marquardt on the blocks

@@ -41,6 +41,9 @@ _ROUNDING_OF_PIXELS = 16 * np.finfo(np.float64).eps
 # A step damped more than this says nothing about convergence.
 _TRUSTED_DAMPING = 1e-3
 _HOPELESS_DAMPING = 1e18
+# D keeps the largest diagonals met. Coefficients that run away leave theirs behind by many powers of ten, and a μ that
+# could not follow would go on shortening every step.
+_LEAST_DAMPING = 1e-30
 # A step damped less than this is as good as one of Gauss and Newton.
 _NEGLIGIBLE_DAMPING = 1e-6
 
@@ -165,7 +168,7 @@ def solve_bundle(
             rho = won / promised if promised > 0 else 1.0
             engine.accept()
             last = (last[1], promised)
-            mu, nu, asked = max(mu * max(0.1, 1 - (2 * rho - 1) ** 3), 1e-16), 2.0, False
+            mu, nu, asked = max(mu * max(0.1, 1 - (2 * rho - 1) ** 3), _LEAST_DAMPING), 2.0, False
         elif not asked and mu > _TRUSTED_DAMPING and max(promised, -won) <= noise:
             mu, nu, asked = _TRUSTED_DAMPING, 2.0, True
         else:

@@ -40,6 +40,7 @@ from stereocal.camera.degeneracy import ADVICE, refuse_degenerate
 from stereocal.camera.distortion import distortion_model
 from stereocal.camera.distortion_base import DistortionModel
 from stereocal.camera.initialisation import solve_from_starts
+from stereocal.camera.lens_doubts import lens_doubts
 from stereocal.camera.lens_starts import first_lens
 from stereocal.camera.losses import LOSSES
 from stereocal.camera.model import Camera
@@ -86,6 +87,8 @@ class CameraCalibration:
         All covariances, cross terms too.
     rejected : list of RejectedCorner
         Corners that were left out, with the reason.
+    warnings : tuple of str
+        What the views leave open, see ``lens_doubts``.
     """
 
     camera: Camera
@@ -104,6 +107,7 @@ class CameraCalibration:
     board: BoardShape = field(repr=False)
     joint: BundleCovariance = field(repr=False)
     rejected: list[RejectedCorner] = field(default_factory=list)
+    warnings: tuple[str, ...] = ()
 
     def summary(self) -> str:
         """Return the result in a few lines of text, each parameter with its standard deviation."""
@@ -117,6 +121,7 @@ class CameraCalibration:
             lines.append(f"  {name:6s} {value:14.6g}" + (f"  ± {std:.2g}" if std > 0 else "  held"))
         lines.append(board_line(self.board))
         lines += [f"left out: view {c.view}, corner {c.point}: {c.reason}" for c in self.rejected]
+        lines += [f"warning: {warning}" for warning in self.warnings]
         return "\n".join(lines)
 
 
@@ -309,4 +314,5 @@ def _result(
         reason=solution.reason,
         board=board_shape_of(bundle, state, kind, held_out, joint),
         joint=joint,
+        warnings=lens_doubts(bundle, state, joint.shared, 0, size),
     )

@@ -82,6 +82,8 @@ class RigCalibration:
         All covariances, cross terms too.
     rejected : list of RejectedCorner
         Corners that were left out, with the reason.
+    warnings : tuple of str
+        What the views leave open, see ``camera.lens_doubts``.
     """
 
     cameras: tuple[Camera, ...]
@@ -104,6 +106,7 @@ class RigCalibration:
     board: BoardShape = field(repr=False)
     joint: BundleCovariance = field(repr=False)
     rejected: list[RejectedCorner] = field(default_factory=list)
+    warnings: tuple[str, ...] = ()
 
     def pair(self, left: int, right: int) -> StereoRig:
         """Return two of the cameras as a stereo rig.
@@ -142,6 +145,7 @@ class RigCalibration:
             lines.append(f"  {name:15s} {value:14.6g}" + (f"  ± {std:.2g}" if std > 0 else "  held"))
         lines.append(board_line(self.board))
         lines += [f"left out: camera {c.camera} view {c.view}, corner {c.point}: {c.reason}" for c in self.rejected]
+        lines += [f"warning: {warning}" for warning in self.warnings]
         return "\n".join(lines)
 
 
@@ -287,4 +291,5 @@ def _named(found: RigSolution, names: list[str], motion_names: list[str]) -> Rig
         board=found.board,
         joint=found.joint,
         rejected=found.rejected,
+        warnings=found.warnings,
     )

@@ -38,6 +38,7 @@ from stereocal.camera.calibration import CameraCalibration, calibrate_camera
 from stereocal.camera.covariance import BundleCovariance, bundle_covariance
 from stereocal.camera.degeneracy import ADVICE
 from stereocal.camera.distortion import distortion_model
+from stereocal.camera.lens_doubts import lens_doubts
 from stereocal.camera.losses import LOSSES
 from stereocal.camera.model import Camera
 from stereocal.camera.outliers import RejectedCorner, report_rejected, solve_without_outliers
@@ -128,6 +129,8 @@ class RigSolution:
         Each camera by itself, where it was calibrated on the way.
     board : BoardShape
     rejected : list of RejectedCorner
+    warnings : tuple of str
+        What the views leave open, see ``camera.lens_doubts``.
     """
 
     cameras: list[Camera]
@@ -143,6 +146,7 @@ class RigSolution:
     alone: list[CameraCalibration | None]
     board: BoardShape
     rejected: list[RejectedCorner]
+    warnings: tuple[str, ...]
 
 
 def solve_rig(
@@ -235,10 +239,16 @@ def _finished(
         flat = -residuals(everything, replace(state, shape=np.zeros(0)))
         of_cameras = _by_camera(everything, flat)[3]
         rejected = report_rejected(everything, solution, kept, limit)
+    warnings = [
+        f"{name}: {doubt}"
+        for c, name in enumerate(camera_names)
+        for doubt in lens_doubts(bundle, state, joint.shared, c, final[c].image_size)
+    ]
     return RigSolution(
         cameras=final, R=state.R_rig, T=state.t_rig, solution=solution, joint=joint, rig_slices=bundle.rig_slices,
         rms=rms, camera_rms=camera_rms, view_rms=view_rms, residuals=of_cameras, alone=alone,
         board=board_shape_of(bundle, state, kind, held_out, joint), rejected=rejected,
+        warnings=tuple(warnings),
     )  # fmt: skip
 
 

@@ -76,6 +76,8 @@ class StereoCalibration:
         All covariances, cross terms too.
     rejected : list of RejectedCorner
         Corners that were left out, with the reason; camera 0 is the left one.
+    warnings : tuple of str
+        What the views leave open, see ``camera.lens_doubts``.
     """
 
     rig: StereoRig
@@ -99,6 +101,7 @@ class StereoCalibration:
     board: BoardShape = field(repr=False)
     joint: BundleCovariance = field(repr=False)
     rejected: list[RejectedCorner] = field(default_factory=list)
+    warnings: tuple[str, ...] = ()
 
     @property
     def object_points(self) -> Float:
@@ -118,6 +121,7 @@ class StereoCalibration:
         lines.append(f"  {'baseline':12s} {self.rig.baseline:14.6g}  ± {self.baseline_std:.2g}")
         lines.append(board_line(self.board))
         lines += [f"left out: {SIDES[c.camera]} view {c.view}, corner {c.point}: {c.reason}" for c in self.rejected]
+        lines += [f"warning: {warning}" for warning in self.warnings]
         return "\n".join(lines)
 
 
@@ -255,4 +259,5 @@ def _named(found: RigSolution) -> StereoCalibration:
         board=found.board,
         joint=found.joint,
         rejected=found.rejected,
+        warnings=found.warnings,
     )
