@@ -47,7 +47,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stereocal.base.checks import require_choice, require_integer
 from stereocal.base.errors import InputError
-from stereocal.reconstruction.sad import as_gray_pair, require_window_fits
+from stereocal.reconstruction.sad import as_gray_pair
 from stereocal.reconstruction.sliding_window import Disparity, slide_window
 from stereocal.reconstruction.speckles import filter_speckles
 
@@ -141,15 +141,18 @@ def match_bm(
         raise InputError(f"num_disparities must be a multiple of 16, but is {num_disparities}")
     min_disparity = require_integer(min_disparity, "min_disparity", minimum=-(2**11), maximum=2**11)
     block_size = require_integer(block_size, "block_size", minimum=5, maximum=255, odd=True)
-    require_window_fits(block_size + 1, left_gray.shape)
+    if block_size >= min(left_gray.shape):
+        size = f"{left_gray.shape[1]}x{left_gray.shape[0]}"
+        raise InputError(f"block_size is {block_size}, but the images are {size}: it must be smaller than both sides")
     texture_threshold = require_integer(texture_threshold, "texture_threshold", minimum=0)
     uniqueness_ratio = require_integer(uniqueness_ratio, "uniqueness_ratio", minimum=0)
     disp12_max_diff = require_integer(disp12_max_diff, "disp12_max_diff", minimum=-(2**31))
     speckle_size = require_integer(speckle_size, "speckle_size", minimum=-(2**31))
     speckle_range = require_integer(speckle_range, "speckle_range", minimum=-(2**31))
     require_choice(prefilter, ("xsobel", "normalized_response"), "prefilter")
+    regions = _as_region(roi1, "roi1"), _as_region(roi2, "roi2")
 
-    columns, rows = valid_region(left_gray.shape, num_disparities, min_disparity, block_size, roi1, roi2)
+    columns, rows = valid_region(left_gray.shape, num_disparities, min_disparity, block_size, *regions)
     filtered = [
         prefilter_image(image, prefilter, size=prefilter_size, cap=prefilter_cap, backend=backend)
         for image in (left_gray, right_gray)
@@ -168,6 +171,17 @@ def match_bm(
             disparity, max_size=speckle_size, max_difference=speckle_range / 16, backend=backend
         )
     return disparity
+
+
+def _as_region(region: Region | None, name: str) -> Region | None:
+    if region is None:
+        return None
+    try:
+        x, y, width, height = region
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} must be (x, y, width, height), not {region!r}") from error
+    whole = [require_integer(number, f"each of {name}", minimum=-(2**31)) for number in (x, y, width, height)]
+    return whole[0], whole[1], whole[2], whole[3]
 
 
 def _match_by_kernels(

@@ -218,6 +218,8 @@ def match_census(
 
 
 def _radii(window: tuple[int, int]) -> tuple[int, int]:
+    if np.shape(window) != (2,):
+        raise InputError(f"window must be (width, height), not {window!r}")
     width, height = (require_integer(side, "a side of window", minimum=1, odd=True) for side in window)
     if not 1 < width * height <= 65:
         raise InputError(f"window must hold 2 to 65 pixels, but is {width}x{height}: the code has at most 64 bits")

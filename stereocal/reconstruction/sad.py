@@ -211,10 +211,12 @@ def as_gray_pair(left: ArrayLike, right: ArrayLike) -> tuple[NDArray[np.uint8], 
     InputError
         If one is not a uint8 image, or their sizes differ.
     """
+    for image, name in ((left, "left"), (right, "right")):
+        kind = np.asarray(image).dtype
+        if kind != np.uint8:
+            remedy = "scale it to 8 bits first" if kind.kind in "uif" else "read_image gives one from a file"
+            raise InputError(f"{name} must be a uint8 image (0 to 255), not {kind}; {remedy}")
     pair = to_gray(left, "left"), to_gray(right, "right")
-    for image, name in zip(pair, ("left", "right"), strict=True):
-        if image.dtype != np.uint8:
-            raise InputError(f"{name} must be a uint8 image (0 to 255), not {image.dtype}; scale it to 8 bits first")
     if pair[0].shape != pair[1].shape:
         sizes = " and ".join(f"{image.shape[1]}x{image.shape[0]}" for image in pair)
         raise InputError(f"left and right must have one size, but are {sizes}: rectify the pair first")

@@ -175,6 +175,8 @@ def test_bad_input_is_named() -> None:
         census_transform(image, window=(9, 9))
     with pytest.raises(InputError, match="odd"):
         match_census(image, image, window=(4, 5))
+    with pytest.raises(InputError, match="width, height"):
+        match_census(image, image, window=5)
     with pytest.raises(InputError, match="one size"):
         match_census(image, image[:, :5])
     with pytest.raises(InputError, match="smaller block"):

@@ -143,3 +143,5 @@ def test_bad_input_has_its_sentence() -> None:
         match_sad(image, image[:-1], block_size=5)
     with pytest.raises(InputError, match="8 bits"):
         match_sad(image.astype(np.float64), image, block_size=5)
+    with pytest.raises(InputError, match=r"right must be a uint8 image .* read_image"):
+        match_sad(image, "right.png", block_size=5)
