@@ -354,12 +354,15 @@ class _Half:
     ) -> None:
         width = guide.shape[1]
         self.strips, self.step = strips, step
-        self.pair, self.guide, self.recipe, self.block_size, self.search = pair, guide, recipe, block_size, search
-        self.P1, self.penalties, self.paths, self.disparity = P1, penalties, paths, disparity
+        self.pair, self.recipe, self.block_size, self.search = pair, recipe, block_size, search
+        self.guide = np.pad(guide, 1).reshape(-1)
+        self.P1, self.paths, self.disparity = P1, paths, disparity
+        self.penalties = np.concatenate((penalties[:0:-1], penalties))
         cells = tallest * width * pair.lanes
         self.memory = borrow_memory(3 * cells)
         self.cost = self.memory[:cells].reshape(tallest, width, pair.lanes)
         self.total = self.memory[cells : 3 * cells].view(np.uint16)
+        self.sums = np.empty(width * pair.lanes, np.uint16)
         self.state = np.zeros(3 * (width + 2) * pair.lanes, np.uint8)
         self.checkpoints: list[NDArray[np.uint8]] = []
         self.selector = RowSelector(pair, search)
@@ -393,6 +396,6 @@ class _Half:
         rows = strip if step > 0 else (strip[1] - 1, strip[0] - 1)
         kernels.sweep_rows(
             self.cost.reshape(-1), self.guide, self.penalties, self.P1, strip[0], rows, with_vertical,
-            with_vertical and self.paths != 4, lanes_of(self.pair.lanes), state, self.total, mode,
+            with_vertical and self.paths != 4, lanes_of(self.pair.lanes), state, self.total, mode, self.sums,
             *self.selector.arguments, self.disparity,
         )  # fmt: skip

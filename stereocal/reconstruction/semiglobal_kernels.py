@@ -19,11 +19,20 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from stereocal.reconstruction.vector_lanes import add_saturated, from_above, from_below, minimum
+from stereocal.reconstruction.vector_lanes import (
+    add_saturated,
+    from_above,
+    from_below,
+    last_lane,
+    less_smallest,
+    minimum,
+)
 from stereocal.reconstruction.vector_primitives import (
     count_at_most,
+    element,
     fill,
-    first_equal,
+    fill_from,
+    first_and_count_at_most,
     load,
     smallest,
     store,
@@ -40,8 +49,8 @@ def extend_path(cost, before, P1, P2, most):
 
 @njit(cache=True, nogil=True)
 def sweep_rows(
-    cost, guide, penalties, P1, top, rows, with_vertical, with_diagonals, lanes, state, total, mode,
-    count, min_disparity, uniqueness_ratio, subpixel, tolerance, start, inside, beyond, right_least, winner,
+    cost, guide, penalties, P1, top, rows, with_vertical, with_diagonals, lanes, state, total, mode, sums,
+    count, min_disparity, uniqueness_ratio, subpixel, tolerance, start, inside, beyond, right_least, found,
     out,
 ):  # fmt: skip
     """Follow the paths that come from the left and from above over some rows; or those from the right and from below.
@@ -50,10 +59,10 @@ def sweep_rows(
     ----------
     cost : (rows · W · lanes,) uint8
         C of a strip of rows, 255 in the lanes that are no disparities.
-    guide : (H, W) uint8
-        The left image.
-    penalties : (256,) uint8
-        P2 by the difference of grey values between the two pixels.
+    guide : ((H + 2) · (W + 2),) uint8
+        The left image with a margin of one pixel, whose values do not matter.
+    penalties : (511,) uint8
+        P2 by the difference of grey values between the two pixels, −255 … 255.
     P1 : int
     top : int
         The strip's topmost row.
@@ -72,14 +81,16 @@ def sweep_rows(
     mode : int
         0: only the state is wanted; 1: the sums are written; 2: they are added to those that another sweep has written,
         and the disparity is taken.
-    count, …, winner
+    sums : (W · lanes,) uint16
+        Scratch: the sums of a row over all paths.
+    count, …, found
         As in :func:`select_row`.
     out : (H, W) float32
         The disparity.
     """
     first, end = rows
     step = 1 if first < end else -1
-    height, width = guide.shape
+    width = out.shape[1]
     D = len(beyond)
     behind, vertical, ahead = D, (width + 3) * D, (2 * width + 5) * D  # where x = 0 stands in `state`
     none = load(cost, 0, lanes)
@@ -87,74 +98,78 @@ def sweep_rows(
     wide = widen(none, load(beyond, 0, lanes))
     most = fill(255, none)
     small = fill(P1, none)
+    x_first = 0 if step > 0 else width - 1
     for y in range(first, end, step):
-        y_before = min(max(y - step, 0), height - 1)
         row = (y - top) * width * D
-        along = none
-        from_behind = none
-        for k in range(width):
-            x = k if step > 0 else width - 1 - k
+        pixel = (y + 1) * (width + 2) + 1  # where x = 0 stands in `guide`, and …
+        above = pixel - step * (width + 2)  # … the pixel of the row before
+        along, from_behind = none, none
+        x = x_first
+        for _ in range(width):
             at = x * D
-            x_before, x_next = min(max(x - step, 0), width - 1), min(max(x + step, 0), width - 1)
-            value = np.int64(guide[y, x])
+            value = 255 + np.int64(element(guide, pixel + x))
             C = load(cost, row + at, lanes)
 
-            P2 = fill(penalties[abs(value - np.int64(guide[y, x_before]))], none)
+            P2 = fill_from(penalties, value - np.int64(element(guide, pixel + x - step)), none)
             L = extend_path(C, along, small, P2, most)
-            along = L - fill(smallest(L), none)
+            along = less_smallest(L)
             S = widen(L, wide)
             if with_vertical:
-                P2 = fill(penalties[abs(value - np.int64(guide[y_before, x]))], none)
+                P2 = fill_from(penalties, value - np.int64(element(guide, above + x)), none)
                 L = extend_path(C, load(state, vertical + at, lanes), small, P2, most)
-                store(L - fill(smallest(L), none), state, vertical + at)
+                store(less_smallest(L), state, vertical + at)
                 S = S + widen(L, wide)
             if with_diagonals:
-                P2 = fill(penalties[abs(value - np.int64(guide[y_before, x_before]))], none)
+                P2 = fill_from(penalties, value - np.int64(element(guide, above + x - step)), none)
                 L = extend_path(C, from_behind, small, P2, most)
                 from_behind = load(state, behind + at, lanes)
-                store(L - fill(smallest(L), none), state, behind + at)
+                store(less_smallest(L), state, behind + at)
                 S = S + widen(L, wide)
-                P2 = fill(penalties[abs(value - np.int64(guide[y_before, x_next]))], none)
+                P2 = fill_from(penalties, value - np.int64(element(guide, above + x + step)), none)
                 L = extend_path(C, load(state, ahead + at + step * D, lanes), small, P2, most)
-                store(L - fill(smallest(L), none), state, ahead + at)
+                store(less_smallest(L), state, ahead + at)
                 S = S + widen(L, wide)
 
-            if mode == 2:
-                store(S + load(total, row + at, lanes), total, row + at)
-            elif mode == 1:
+            if mode == 1:
                 store(S, total, row + at)
+            elif mode == 2:
+                store(S + load(total, row + at, lanes), sums, at)
+            x += step
         if mode == 2:
             select_row(
-                total, row, count, min_disparity, uniqueness_ratio, subpixel, tolerance, start, inside, beyond,
-                right_least, winner, lanes, out[y],
+                sums, 0, count, min_disparity, uniqueness_ratio, subpixel, tolerance, start, inside, beyond,
+                right_least, found, lanes, out[y],
             )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
 def select_rows(
-    sums, count, min_disparity, uniqueness_ratio, subpixel, tolerance, start, inside, beyond, right_least, winner,
+    sums, count, min_disparity, uniqueness_ratio, subpixel, tolerance, start, inside, beyond, right_least, found,
     lanes, out,
 ):  # fmt: skip
     """Take the winner of each pixel of some rows: :func:`select_row` for each of them."""
     for y in range(len(out)):
         select_row(
             sums, y * out.shape[1] * len(beyond), count, min_disparity, uniqueness_ratio, subpixel, tolerance, start,
-            inside, beyond, right_least, winner, lanes, out[y],
+            inside, beyond, right_least, found, lanes, out[y],
         )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True)
 def select_row(
-    sums, offset, count, min_disparity, uniqueness_ratio, subpixel, tolerance, start, inside, beyond,
-    right_least, winner, lanes, out,
+    sums, row, count, min_disparity, uniqueness_ratio, subpixel, tolerance, start, inside, beyond,
+    right_least, found, lanes, out,
 ):  # fmt: skip
     """Take the winner of each pixel of a row: the rules of :mod:`stereocal.reconstruction.winner`.
+
+    The right image's view goes along. The right pixel x' meets the candidate i of the left pixel x' + d, so the least
+    sum that it has met so far moves on by one lane with each x, until it leaves at the last.
 
     Parameters
     ----------
     sums : (· lanes,) uint16
         S.
-    offset : int
+    row : int
         Where the row begins in `sums`.
     count, min_disparity : int
         The disparities.
@@ -172,52 +187,86 @@ def select_row(
         All bits set in the lanes i ≥ count.
     right_least : (flipped width,) uint16
         Scratch: the least S that each right pixel has met.
-    winner : (W,) int32
-        Scratch.
+    found : (4, W) int32
+        Scratch: see :func:`note_winner`.
+    lanes : tuple
+        The lanes, as a type.
     out : (W,) float32
     """
     D = len(beyond)
-    none = load(beyond, 0, lanes)
-    if tolerance >= 0:
-        right_least[:] = 65535
+    no_disparity = load(beyond, 0, lanes)
+    never = fill(65535, no_disparity)
+    right = never
     for x in range(len(out)):
-        at = offset + x * D
-        there = start - x
-        S = load(sums, at, lanes) | none
-        least = smallest(S)
-        i = first_equal(S, least)
+        S = load(sums, row + x * D, lanes) | no_disparity
+        note_winner(S, sums, row + x * D, x, start - x, count, uniqueness_ratio, inside, found)
         if tolerance >= 0:
-            store(minimum(load(right_least, there, lanes), S), right_least, there)
-        value = np.float32(np.nan)
-        winner[x] = -1
-        if inside[there + i] > 0:
-            interior = 0 < i < count - 1
-            below = np.int64(sums[at + max(i - 1, 0)])
-            above = np.int64(sums[at + min(i + 1, count - 1)])
-            limit = min(max((100 * least - 1) // (100 - uniqueness_ratio), least), 65534)
-            beside = (1 if i > 0 and below <= limit else 0) + (1 if i < count - 1 and above <= limit else 0)
-            if count_at_most(S, limit) <= 1 + beside:  # no rival but the neighbours
-                d = np.float64(min_disparity + i)
-                rise = max(below, above) - least
-                if subpixel and interior and rise > 0:
-                    d += (below - above) / (2.0 * rise)
-                value = np.float32(d)
-                winner[x] = i
-        out[x] = value
+            right = minimum(from_below(right, never), S)
+            right_least[start - x + D - 1] = last_lane(right)
+    refine_row(found, min_disparity, subpixel, out)
     if tolerance >= 0:
-        for x in range(len(out)):
-            i = winner[x]
-            # Most pixels are their partner's best as well: that settles it.
-            if i >= 0 and right_least[start - x + i] != sums[offset + x * D + i]:
-                low, high = np.int64(np.floor(out[x])), np.int64(np.ceil(out[x]))
-                agrees = False
-                for d in range(low - min_disparity, high - min_disparity + 1):
-                    here = start - x + d
-                    if inside[here] > 0:
-                        # The left pixels x − d + k that this right pixel might be matched to, |k − d| ≤ tolerance.
-                        for k in range(max(d - tolerance, 0), min(d + tolerance + 1, count)):
-                            partner = x - d + k
-                            if 0 <= partner < len(out) and sums[offset + partner * D + k] == right_least[here]:
-                                agrees = True
-                if not agrees:
-                    out[x] = np.nan
+        store(right, right_least, start - len(out) + 1)
+        check_row(found, sums, row, count, min_disparity, tolerance, start, inside, right_least, D, out)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def note_winner(S, sums, at, x, there, count, uniqueness_ratio, inside, found):
+    """Write what is known of the pixel x: the winner i (-1 if there is none), and S at i, at i − 1 and at i + 1.
+
+    At either end of the disparities, where one neighbour is missing, both are given as S(i): no fraction.
+    """
+    least = smallest(S)
+    i, close = first_and_count_at_most(S, least)
+    limit = least
+    if uniqueness_ratio > 0:
+        limit = min(max((100 * least - 1) // (100 - uniqueness_ratio), least), 65534)
+        close = count_at_most(S, limit)
+    interior = (i > 0) & (i < count - 1)
+    below = np.int64(element(sums, at + max(i - 1, 0)))
+    above = np.int64(element(sums, at + min(i + 1, count - 1)))
+    beside = np.int64((below <= limit) & (i > 0)) + np.int64((above <= limit) & (i < count - 1))
+    alone = close <= 1 + beside  # no rival but the neighbours
+    found[0, x] = i if alone & (element(inside, there + i) > 0) else -1
+    found[1, x] = least
+    found[2, x] = below if interior else least
+    found[3, x] = above if interior else least
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def refine_row(found, min_disparity, subpixel, out):
+    """Write the disparities of a row, with the fraction at which the V has its vertex; NaN where none has won."""
+    for x in range(len(out)):
+        d = np.float64(min_disparity + found[0, x])
+        if subpixel:
+            rise = max(found[2, x], found[3, x]) - found[1, x]
+            d += np.float64(found[2, x] - found[3, x]) / np.float64(2 * max(rise, 1))
+        out[x] = np.float32(d) if found[0, x] >= 0 else np.float32(np.nan)
+
+
+@njit(cache=True, nogil=True)
+def check_row(found, sums, row, count, min_disparity, tolerance, start, inside, right_least, D, out):
+    """Take the disparities back with which the right image does not agree."""
+    for x in range(len(out)):
+        i = np.int64(found[0, x])
+        # Most pixels are their partner's best as well: that settles it.
+        if i >= 0 and np.int64(element(right_least, start - x + i)) != found[1, x]:
+            low, high = np.int64(np.floor(out[x])) - min_disparity, np.int64(np.ceil(out[x])) - min_disparity
+            if not (
+                right_agrees(low, x, len(out), sums, row, count, tolerance, start, inside, right_least, D)
+                or right_agrees(high, x, len(out), sums, row, count, tolerance, start, inside, right_least, D)
+            ):
+                out[x] = np.nan
+
+
+@njit(cache=True, nogil=True)
+def right_agrees(i, x, width, sums, row, count, tolerance, start, inside, right_least, D):
+    """Whether the right pixel of the candidate i of x has a best candidate that is within the tolerance of i."""
+    here = start - x + i
+    if element(inside, here) == 0:
+        return False
+    least = element(right_least, here)
+    for k in range(max(i - tolerance, 0), min(i + tolerance + 1, count)):
+        partner = x - i + k  # the left pixel that this right one would be matched to
+        if 0 <= partner < width and element(sums, row + partner * D + k) == least:
+            return True
+    return False

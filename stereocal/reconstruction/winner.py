@@ -159,7 +159,7 @@ class RowSelector:
         self.arguments = (
             search.num_disparities, search.min_disparity, search.uniqueness_ratio, search.subpixel, search.tolerance,
             pair.start, pair.inside, beyond, np.empty(len(pair.inside), np.uint16),
-            np.empty(pair.shape[1], np.int32),
+            np.empty((4, pair.shape[1]), np.int32),
         )  # fmt: skip
 
 
