@@ -1,6 +1,6 @@
 """Where the iteration starts: candidates for the camera matrix, the poses that go with them, and the first lens.
 
-Each candidate K is judged by what it is for: the poses [r1 r2 t] = λK⁻¹H are taken from the homographies, the corners
+Each candidate K is judged by what it is for: the poses are taken from the homographies (``seen_boards``), the corners
 are projected by an ideal lens, and the candidate with the least distance to the measured corners goes first.
 Candidates are
 
@@ -45,9 +45,9 @@ from stereocal.camera.bundle import Bundle, BundleState, normal_equations, resid
 from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
 from stereocal.camera.covariance import inverse_of_schur
 from stereocal.camera.distortion_base import DistortionModel
-from stereocal.camera.homography import fit_homography
 from stereocal.camera.lens_starts import SMALLER, staged_start, start_from_smaller, start_without_prism, state_of
-from stereocal.camera.zhang import poses_of_homographies, zhang_intrinsics
+from stereocal.camera.seen_boards import SeenBoards, seen_boards
+from stereocal.camera.zhang import zhang_intrinsics
 
 # Models that OpenCV has, whose lens may start from zero; the others start from a fit with k1, k2.
 _DIRECT_START = ("pinhole", "polynomial", "brown", "rational", "thin_prism", "tilted")
@@ -77,50 +77,11 @@ class Start:
     error: float
 
 
-def homographies_of_views(bundle: Bundle, *, backend: str = "numba") -> Float:
-    """Return H of every block of a one-camera bundle, (V, 3, 3), of the board's x and y.
-
-    Parameters
-    ----------
-    bundle : Bundle
-        Of one camera.
-    backend : {"numba", "numpy"}
-        All at once, or one by one with :func:`~stereocal.camera.homography.fit_homography`.
-
-    Returns
-    -------
-    ndarray of shape (V, 3, 3)
-
-    Raises
-    ------
-    DegenerateGeometryError
-        Names the views whose points lie on one line.
-    """
-    count = len(bundle.offsets) - 1
-    H, bad = np.zeros((count, 3, 3)), np.zeros(count, dtype=np.bool_)
-    if backend == "numba":
-        from stereocal.camera.homography_kernels import homographies_kernel
-
-        homographies_kernel(*bundle.by_axes, bundle.offsets, H, bad)
-    else:
-        for i in range(count):
-            rows = slice(bundle.offsets[i], bundle.offsets[i + 1])
-            try:
-                H[i] = fit_homography(bundle.points[rows, :2], bundle.measured[rows], refine=False)
-            except DegenerateGeometryError:
-                bad[i] = True
-    if bad.any():
-        raise DegenerateGeometryError(
-            f"the points of view {', '.join(map(str, bundle.view_of_block[bad]))} lie on one line, in the board or in "
-            "the image, which fixes no pose; leave these views out, or photograph the board less edge-on"
-        )
-    return H
-
-
-def start_from(K: Float, H: Float, bundle: Bundle) -> Start:
+def start_from(K: Float, boards: SeenBoards) -> Start:
     """Return the start with a given K and poses from the homographies, and its error (infinite behind the camera)."""
-    R, t = poses_of_homographies(K, H)
-    block = np.repeat(np.arange(len(H)), np.diff(bundle.offsets))
+    R, t = boards.poses(K)
+    bundle = boards.bundle
+    block = np.repeat(np.arange(len(t)), np.diff(bundle.offsets))
     P = np.matmul(K, np.concatenate([R[:, :, :2], t[:, :, None]], axis=2))[block]
     X, Y = bundle.points[:, :1], bundle.points[:, 1:2]
     h = P[:, :, 0] * X + P[:, :, 1] * Y + P[:, :, 2]
@@ -130,30 +91,28 @@ def start_from(K: Float, H: Float, bundle: Bundle) -> Start:
     return Start(K, R, t, float(np.sqrt(np.vdot(d, d) / len(d))))
 
 
-def closed_form_starts(H: Float, image_size: tuple[int, int], aspect_ratio: float | None) -> Iterator[Start]:
+def closed_form_starts(boards: SeenBoards, image_size: tuple[int, int], aspect_ratio: float | None) -> Iterator[Start]:
     """Yield the starts that Zhang's closed forms give, where they have a plausible answer."""
     width, height = image_size
     for options in ({"skew": False}, {"principal_point": np.array([(width - 1) / 2, (height - 1) / 2])}):
         try:
-            K = zhang_intrinsics(H, **options)
+            K = zhang_intrinsics(boards.H, **options)
         except DegenerateGeometryError:
             continue  # this closed form has no answer here; the next candidate stands in
         if plausible(K[0, 0], K[1, 1], K[0, 2], K[1, 2], image_size):
             if aspect_ratio is not None:
                 K[0, 0] = aspect_ratio * K[1, 1]
-            R, t = poses_of_homographies(K, H)
-            if t[:, 2].min() > 0:  # whether every corner is in front of the camera, the solver sees at its start
-                yield Start(K, R, t, np.nan)
+            yield Start(K, *boards.poses(K), np.nan)
 
 
-def focal_search(H: Float, bundle: Bundle, image_size: tuple[int, int], aspect_ratio: float | None) -> list[Start]:
+def focal_search(boards: SeenBoards, image_size: tuple[int, int], aspect_ratio: float | None) -> list[Start]:
     """Return the starts with fx = 0.25 … 8 widths that are local minima of the error, best first."""
     width, height = image_size
     a = aspect_ratio or 1.0
     starts = []
     for f in width * 2.0 ** np.arange(-2, 3.01, 0.25):
         K = np.array([[f, 0, (width - 1) / 2], [0, f / a, (height - 1) / 2], [0, 0, 1.0]])
-        starts.append(start_from(K, H, bundle))
+        starts.append(start_from(K, boards))
     errors = np.array([np.inf, *(start.error for start in starts), np.inf])
     least = [i for i in range(len(starts)) if errors[i + 1] <= min(errors[i], errors[i + 2]) and errors[i + 1] < np.inf]
     return sorted((starts[i] for i in least), key=lambda start: start.error)
@@ -191,11 +150,11 @@ def solve_from_starts(
     ConvergenceError
         If no start leads anywhere.
     """
-    H = homographies_of_views(bundle, backend=backend)
+    boards = seen_boards(bundle, backend=backend)
     tried: list[BundleSolution] = []
     best: BundleSolution | None = None
-    from_few = _state_from_few(H, bundle, lens, held, image_size, aspect_ratio, backend)
-    states = _starting_states(H, bundle, lens, held, image_size, aspect_ratio, backend)
+    from_few = _state_from_few(boards, lens, held, image_size, aspect_ratio, backend)
+    states = _starting_states(boards, lens, held, image_size, aspect_ratio, backend)
     for state in states if from_few is None else chain([from_few], states):
         solution = solve_bundle(
             bundle, state, max_iterations=min(max_iterations, _TRIAL_STEPS), backend=backend,
@@ -228,10 +187,11 @@ def solve_from_starts(
 
 
 def _state_from_few(
-    H: Float, bundle: Bundle, lens: DistortionModel, held: set[str], image_size: tuple[int, int],
+    boards: SeenBoards, lens: DistortionModel, held: set[str], image_size: tuple[int, int],
     aspect_ratio: float | None, backend: str,
 ) -> BundleState | None:  # fmt: skip
     """The camera of some of many views, spread over all, and the poses of all for it; None where that fails."""
+    bundle = boards.bundle
     if bundle.view_count < _MANY_VIEWS or lens.name not in _DIRECT_START:
         return None
     chosen = np.arange(bundle.view_count) % (bundle.view_count // _FEW_VIEWS) == 0
@@ -252,7 +212,7 @@ def _state_from_few(
         return None  # these views are degenerate; all of them may not be
     theta = found.state.intrinsics[0]
     K = np.array([[theta[0], theta[4], theta[2]], [0, theta[1], theta[3]], [0, 0, 1]])
-    return BundleState([theta], np.eye(3)[None], np.zeros((1, 3)), *poses_of_homographies(K, H))
+    return BundleState([theta], np.eye(3)[None], np.zeros((1, 3)), *boards.poses(K))
 
 
 def _polished(bundle: Bundle, tried: list[BundleSolution], max_iterations: int, backend: str) -> BundleSolution | None:
@@ -312,9 +272,10 @@ def _with_reversed_poses(bundle: Bundle, solution: BundleSolution, backend: str)
 
 
 def _starting_states(
-    H: Float, bundle: Bundle, lens: DistortionModel, held: set[str], image_size: tuple[int, int],
+    boards: SeenBoards, lens: DistortionModel, held: set[str], image_size: tuple[int, int],
     aspect_ratio: float | None, backend: str,
 ) -> Iterator[BundleState]:  # fmt: skip
+    bundle = boards.bundle
     direct = lens.name in _DIRECT_START or set(lens.parameter_names) <= held
     middle = ((image_size[0] - 1) / 2, (image_size[1] - 1) / 2)
 
@@ -340,11 +301,11 @@ def _starting_states(
             yield from_smaller
             if lens.name == "tilted":
                 yield start_without_prism(bundle, lens, from_smaller, held, aspect_ratio, _TRIAL_STEPS)
-    for start in closed_form_starts(H, image_size, aspect_ratio):
+    for start in closed_form_starts(boards, image_size, aspect_ratio):
         yield begin(start)
         if lens.name == "tilted":
             return  # the two from its smaller models are the better ones
-    found = focal_search(H, bundle, image_size, aspect_ratio)
+    found = focal_search(boards, image_size, aspect_ratio)
     for start in found:
         yield begin(start)
     for start in found[:1]:
@@ -354,7 +315,7 @@ def _starting_states(
             for x, y in ((-1, -1), (1, -1), (-1, 1), (1, 1)):
                 K = start.K.copy()
                 K[:2, 2] = middle[0] + x * _AWAY * image_size[0], middle[1] + y * _AWAY * image_size[1]
-                yield begin(Start(K, *poses_of_homographies(K, H), np.nan))
+                yield begin(Start(K, *boards.poses(K), np.nan))
 
 
 def plausible(fx: float, fy: float, cx: float, cy: float, image_size: tuple[int, int], margin: float = 0.25) -> bool:

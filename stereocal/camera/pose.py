@@ -17,10 +17,9 @@ from stereocal.camera.bundle import BundleState
 from stereocal.camera.bundle_problem import intrinsics_of, make_bundle
 from stereocal.camera.bundle_solver import solve_bundle
 from stereocal.camera.distortion import distortion_model
-from stereocal.camera.homography import fit_homography
 from stereocal.camera.model import Camera
+from stereocal.camera.seen_boards import seen_boards
 from stereocal.camera.views import as_views
-from stereocal.camera.zhang import poses_of_homographies
 
 
 def estimate_poses(
@@ -62,14 +61,15 @@ def estimate_poses(
 
 def initial_poses(objects: list[Float], images: list[Float], camera: Camera) -> tuple[Float, Float]:
     """Return the closed-form poses, R (V, 3, 3) and t (V, 3)."""
-    H = []
-    for view, (X, y) in enumerate(zip(objects, images, strict=True)):
-        x = camera.undistort_points(y)
-        seen = np.isfinite(x[:, 0])
-        if np.count_nonzero(seen) < 4:
+    undone = [camera.undistort_points(y) for y in images]
+    seen = [np.isfinite(x[:, 0]) for x in undone]
+    for view, inside in enumerate(seen):
+        if np.count_nonzero(inside) < 4:
             raise DegenerateGeometryError(
                 f"view {view}: the given camera's lens model cannot be undone at most of its corners, so it is not the "
                 "camera that saw them; check dist and model"
             )
-        H.append(fit_homography(X[seen, :2], x[seen]))
-    return poses_of_homographies(camera.K, np.stack(H))
+    board = [X[inside] for X, inside in zip(objects, seen, strict=True)]
+    ideal = [x[inside] for x, inside in zip(undone, seen, strict=True)]
+    bundle = make_bundle([distortion_model("pinhole")], [board], [ideal], np.zeros((5, 0)))
+    return seen_boards(bundle, backend="numpy").poses(camera.K)

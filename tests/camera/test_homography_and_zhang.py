@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from strategies import seeds
 
 import stereocal as sc
-from stereocal.base.rotations import rotation_matrix
+from stereocal.base.rotations import rotation_matrix, rotation_vector
 from stereocal.camera.bundle_problem import make_bundle
 from stereocal.camera.distortion import MODELS
-from stereocal.camera.initialisation import homographies_of_views
+from stereocal.camera.seen_boards import seen_boards
 
 
 def random_homography(rng: np.random.Generator) -> np.ndarray:
@@ -48,7 +48,7 @@ def test_the_compiled_twin_equals_the_reference(seed: int) -> None:
     cam = camera()
     corners, _ = mono_views(cam, board(), 4, seed=seed, noise=0.5)
     bundle = make_bundle([MODELS["pinhole"]], [[board()] * 4], [corners], np.zeros((5, 0)))
-    for compiled, H in zip(homographies_of_views(bundle), homographies_of_views(bundle, backend="numpy"), strict=True):
+    for compiled, H in zip(seen_boards(bundle).H, seen_boards(bundle, backend="numpy").H, strict=True):
         np.testing.assert_allclose(compiled / compiled[2, 2], H / H[2, 2], rtol=1e-6, atol=1e-7)
 
 
@@ -131,3 +131,31 @@ def test_collinear_points_are_refused() -> None:
         sc.fit_homography(X[:3], X[:3, :2])
     with pytest.raises(sc.InputError, match="pairs"):
         sc.fit_homography(board(), X[:, :2])
+
+
+def near_parts_of_a_board(views: int, seed: int) -> tuple[sc.Camera, list[np.ndarray], list[np.ndarray], np.ndarray]:
+    """Parts of a large board seen from near: its origin lies behind the camera in every view."""
+    rng = np.random.default_rng(seed)
+    cam, X = camera(), sc.Chessboard((30, 20), 0.5).object_points
+    objects, corners, t = [], [], []
+    for _ in range(views):
+        around, middle = rng.uniform(0, 2 * np.pi), X[rng.integers(len(X))]
+        turned = rotation_matrix([0.0, 0.0, np.arctan2(middle[1], middle[0])]).T  # the origin towards −x
+        R = rotation_matrix([0.0, -rng.uniform(0.7, 0.9), 0.0]) @ rotation_matrix([0.3 * np.cos(around), 0, 0]) @ turned
+        t.append(np.array([0, 0, 2.0]) - R @ middle)
+        y, ahead = cam.project(X, rotation_vector(R), t[-1]), (X @ R.T + t[-1])[:, 2] > 0.3
+        seen = ahead & np.isfinite(y).all(axis=1) & (y > 0).all(axis=1) & (y < cam.image_size).all(axis=1)
+        objects.append(X[seen])
+        corners.append(y[seen])
+    return cam, objects, corners, np.array(t)
+
+
+@pytest.mark.parametrize("given", [False, True], ids=["from nothing", "from a given camera"])
+def test_a_part_of_a_board_whose_origin_is_behind_the_camera(given: bool) -> None:
+    cam, objects, corners, t = near_parts_of_a_board(12, seed=3)
+    assert np.count_nonzero(t[:, 2] < 0) >= 3
+    start = {"initial": sc.Camera(cam.K * [[1.02], [1.02], [1]], None, cam.image_size)} if given else {}
+    found = sc.calibrate_camera(objects, corners, cam.image_size, model=cam.model, **start)
+    assert found.rms < 1e-6
+    np.testing.assert_allclose(found.camera.K, cam.K, atol=1e-3)
+    np.testing.assert_allclose(found.tvecs, t, atol=1e-4)
