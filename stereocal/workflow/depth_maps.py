@@ -175,7 +175,7 @@ def compute_disparity(
         points=points,
         folder=Path(out),
         files=files,
-        warnings=(*rectification.warnings, *_turned(rectification)),
+        warnings=(*rectification.warnings, *_turned(rectification), *_left_out(disparity, rectification)),
     )
     return replace(run, seconds=time.perf_counter() - start)
 
@@ -191,6 +191,20 @@ def _turned(rectification: Rectification) -> list[str]:
             "16-bit disparity.png cannot hold: it is not written."
         )
     return said
+
+
+def _fits_sixteen_bits(disparity: Disparity) -> bool:
+    """Whether disparity.png (KITTI's encoding: 16 bits, 256 levels a pixel) can hold the map."""
+    return not np.any((disparity < 0) | (disparity > 65535 / 256))
+
+
+def _left_out(disparity: Disparity, rectification: Rectification) -> list[str]:
+    """Say so if disparity.png is not written; of swapped rigs :func:`_turned` has said it."""
+    if _fits_sixteen_bits(disparity) or is_swapped(rectification):
+        return []
+    return [
+        "The 16-bit disparity.png holds disparities from 0 to 255 alone and is not written: read disparity.pfm instead."
+    ]
 
 
 def color_disparity(disparity: Disparity) -> NDArray[np.uint8]:
@@ -217,7 +231,7 @@ def _write_depth_files(
         np.nan
     )  # below one pixel the depth is not known even to a factor of two
     write_disparity(staged.path("disparity.pfm"), disparity)
-    if not np.any(disparity < 0):  # the 16-bit format holds none below zero
+    if _fits_sixteen_bits(disparity):
         write_disparity(staged.path("disparity.png"), disparity)
     shown = np.abs(disparity) if is_swapped(rectification) else disparity  # bright is near, for any rig
     write_image(staged.path("disparity_color.png"), color_disparity(shown))

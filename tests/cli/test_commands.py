@@ -238,6 +238,23 @@ def test_disparity_is_near_the_truth(
     np.testing.assert_array_equal(np.sort(points[:, 2]), np.sort(depth[near]))
 
 
+@pytest.mark.parametrize("least", [-8, 260])
+def test_disparities_that_sixteen_bits_cannot_hold(
+    run: Any, photographs: Path, calibrated: Path, tmp_path: Path, least: int
+) -> None:
+    """As of cameras of 12 megapixels: the rest is written, and what is left out is said."""
+    scene = photographs / "scene"
+    answer = run(
+        "disparity", calibrated / "calibration.json", scene / "left.png", scene / "right.png", "--method", "sad",
+        "--min-disparity", least, "--num-disparities", 8, "--speckle-size", 0, "--out", tmp_path / "d", "--json",
+    )  # fmt: skip
+    assert answer.code == 0
+    assert "disparity.png" not in names(tmp_path / "d")
+    disparity = read_disparity(tmp_path / "d" / "disparity.pfm")
+    assert least <= np.nanmin(disparity) < np.nanmax(disparity) < least + 8
+    assert any("read disparity.pfm" in warning for warning in answer.json["warnings"])
+
+
 def test_disparity_reads_opencvs_file_as_well(run: Any, photographs: Path, calibrated: Path, tmp_path: Path) -> None:
     scene = photographs / "scene"
     maps = []
