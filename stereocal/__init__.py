@@ -32,6 +32,7 @@ NAMES_OF_MODULE = {
     "stereocal.camera.homography": ("fit_homography",),
     "stereocal.camera.model": ("Camera",),
     "stereocal.camera.projection": ("project_points",),
+    "stereocal.camera.propagation": ("pixel_covariance", "triangulation_covariance"),
     "stereocal.camera.resampling": ("remap",),
     "stereocal.camera.undistortion": ("distortion_maps", "undistort_image", "undistortion_maps"),
     "stereocal.camera.zhang": ("zhang_intrinsics", "zhang_pose"),

@@ -21,6 +21,8 @@ from stereocal.camera.distortion import undistort_points as undistort_points
 from stereocal.camera.homography import fit_homography as fit_homography
 from stereocal.camera.model import Camera as Camera
 from stereocal.camera.projection import project_points as project_points
+from stereocal.camera.propagation import pixel_covariance as pixel_covariance
+from stereocal.camera.propagation import triangulation_covariance as triangulation_covariance
 from stereocal.camera.resampling import remap as remap
 from stereocal.camera.undistortion import distortion_maps as distortion_maps
 from stereocal.camera.undistortion import undistort_image as undistort_image
