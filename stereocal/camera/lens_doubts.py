@@ -15,8 +15,8 @@ is the distortion, not its coefficients.
 to the radii that the corners cover, this buys a wiggle of the curve, which bends to the noise of a few corners. Nothing
 is gained but a lower F, and the covariance, which takes the wiggle for the lens, may be too small: for poles within a
 hundredth of s_max by factors of 3 to 30 (known truth, ``benchmarks/study_lens_models.py``). Real lenses have their
-poles far off. So the roots of q are looked at: one nearer to the stretch 0 … s_max that the corners cover than a quarter
-of s_max is called a kink.
+poles far off. So the roots of q are looked at: one nearer to the stretch 0 … s_max that the corners cover than a
+quarter of s_max is called a kink.
 
 **The principal point.** A shift of it is drawn almost as well by a turn of all boards and p1, p2 (or the prism, or the
 tilt). Uncertain by more than 2 % of the image, its valley is a curved one, and the standard deviations, which follow
