@@ -171,12 +171,14 @@ def match_sgm(
     recipe = RECIPES[cost]
     block_size = require_integer(block_size, "block_size", minimum=1, odd=True)
     matching_costs.require_block_fits(block_size, recipe)
-    if paths not in DIRECTIONS:
+    if paths not in tuple(DIRECTIONS):
         raise InputError(f"paths must be 4, 5 or 8, not {paths!r}")
     P1 = require_integer(P1, "P1", minimum=0)
     P2 = require_integer(P2, "P2", minimum=P1 + 1, maximum=255 - COST_MAX)
     penalties = jump_penalties(P1, P2, gradient_scale)
     size = require_integer(speckle_size, "speckle_size", minimum=0)
+    if not speckle_range >= 0:
+        raise InputError(f"speckle_range must be 0 or more (pixels), but is {speckle_range!r}")
     if not runs_compiled(backend):
         volume = matching_costs.cost_volume(
             left_gray, right_gray, num_disparities=search.num_disparities, min_disparity=search.min_disparity,

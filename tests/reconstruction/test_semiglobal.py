@@ -276,6 +276,8 @@ def test_bad_input_is_named() -> None:
     for options, words in (
         ({"cost": "ssd"}, "cost must be one of"),
         ({"paths": 6}, "paths must be 4, 5 or 8"),
+        ({"paths": [8]}, "paths must be 4, 5 or 8"),
+        ({"speckle_range": -1.0}, "speckle_range"),
         ({"P1": 50, "P2": 50}, "P2 must be from 51 to 191"),
         ({"P2": 300}, "P2 must be from"),
         ({"gradient_scale": 0.0}, "gradient_scale"),
