@@ -28,6 +28,15 @@ SUBPIXEL = ("none", "opencv", "parabola")
 MOST_LANES = 512
 """Up to here the D sums are held as one value: beyond, the registers of no machine would do, and the loops run."""
 
+TILE = 64
+"""Pixels of which the vector kernel takes a step together,"""
+
+TILE_BYTES = 2**14
+"""or fewer, so that their sums stay in the first cache."""
+
+NARROW = 2**16 - 1
+"""The greatest number of 16 bits."""
+
 CACHE_LINE = 64
 
 
@@ -80,6 +89,7 @@ def slide_window(
     from numba import config
 
     from stereocal.reconstruction import sliding_window_kernels as kernels
+    from stereocal.reconstruction.vector_primitives import lanes_of
 
     radius = block_size // 2
     width = left.shape[1]
@@ -91,34 +101,39 @@ def slide_window(
     cost = np.empty((0, 0), np.int32) if cost is None else cost
     vectors = vectors and num_disparities <= MOST_LANES and not config.DISABLE_JIT
     lanes = -(-num_disparities // 16) * 16
-    guard = np.iinfo(np.uint16).max
-    certain = peak * block_size**2 < guard
-    highest = None if certain else guard - 1 - peak * block_size
-    sums_may_fit = certain or (peak * block_size < guard // 2 and _sums_may_fit(left, peak, block_size))
+    largest_step = peak * block_size
+    certain = largest_step * block_size < NARROW
+    highest = None if certain else NARROW - 1 - largest_step
+    sums_may_fit = certain or (2 * largest_step < NARROW and _sums_may_fit(left, peak, block_size))
+    small = True if 2 * peak < 128 else None
     if vectors and lanes > num_disparities:
         right = np.pad(right, ((0, 0), (0, lanes - num_disparities)))
 
     def match_band(band: range) -> None:
         if prepare is not None:
             prepare(band)
+        n = len(columns)
         if vectors:
             first = band.start
             for kind in (np.uint16, np.uint32) if sums_may_fit else (np.uint32,):
-                ends, scratch = (first, band.stop), _vector_scratch(len(columns), block_size, lanes, search[2], kind)
+                narrow = kind is np.uint16
+                gains = np.uint16 if narrow or 2 * largest_step < NARROW else np.uint32
                 first = kernels.match_rows_vector(
-                    left, right, left_column, right_start, radius, ends, search, *scratch[:4],
-                    True if peak < 128 else None,
-                    True if kind is np.uint16 and subpixel == "opencv" else None,
-                    highest if kind is np.uint16 else None, *scratch[4:],
+                    left, right, left_column, right_start, radius, (first, band.stop), search,
+                    lanes_of(lanes), aligned_empty(32 + n * lanes + 32, kind), aligned_empty(block_size * lanes, gains),
+                    aligned_empty(block_size * lanes, np.uint8 if small else np.uint16),
+                    _lanes_beyond(lanes, num_disparities, kind), small,
+                    True if subpixel == "opencv" else None, highest if narrow else None,
+                    _tile_scratch(lanes, kind), np.empty(n, np.int32),
                     *_right_scratch(width + lanes, kind, left_right), disparity, cost,
                 )  # fmt: skip
                 if first == band.stop:
                     break
         else:
-            columns_of_sums = np.empty((len(beside), num_disparities), np.int32)
             kernels.match_rows(
                 left, right, left_column, right_start, radius, (band.start, band.stop), search,
-                columns_of_sums, np.empty(num_disparities, np.int32), np.empty(len(columns), np.int32),
+                np.empty((n, num_disparities), np.int32), np.empty(num_disparities, np.int32),
+                np.empty((block_size, num_disparities), np.int32), np.empty(n, np.int32),
                 np.empty(width, np.int32), np.empty(width, np.int32), disparity, cost,
             )  # fmt: skip
 
@@ -135,22 +150,20 @@ def _sums_may_fit(image: NDArray[np.uint8], peak: int, block_size: int) -> bool:
     return bool(2.0 * typical * block_size**2 < np.iinfo(np.uint16).max)
 
 
-def _vector_scratch(
-    matched: int, block_size: int, lanes: int, num_disparities: int, kind: type[np.unsignedinteger[Any]]
-) -> tuple[Any, ...]:
-    """Return (lanes as a type, columns, windows, beyond, tile, winners) as ``match_rows_vector`` takes them."""
-    from stereocal.reconstruction.sliding_window_kernels import TILE
-    from stereocal.reconstruction.vector_primitives import lanes_of
+def _lanes_beyond(lanes: int, num_disparities: int, kind: DTypeLike) -> NDArray[Any] | None:
+    """Return all ones in the lanes that stand for no disparity, zeros in the others; None if there are none."""
+    if lanes == num_disparities:
+        return None
+    beyond = np.zeros(lanes, kind)
+    beyond[num_disparities:] = np.iinfo(kind).max
+    return beyond
 
-    guard = np.iinfo(kind).max if kind is np.uint16 else np.iinfo(np.int32).max
-    windows = aligned_empty(32 + TILE * (lanes + 32), kind)
-    windows[:] = guard
-    beyond = None
-    if lanes > num_disparities:
-        beyond = np.zeros(lanes, kind)
-        beyond[num_disparities:] = guard
-    columns = aligned_empty((matched + 2 * block_size - 1) * lanes, np.uint16)
-    return lanes_of(lanes), columns, windows, beyond, np.empty(8 * TILE, np.int32), np.empty(matched, np.int32)
+
+def _tile_scratch(lanes: int, kind: DTypeLike) -> tuple[NDArray[Any], ...]:
+    """Return (least, limit, first, found, around) of the pixels of a tile, see ``find_winners``."""
+    size = min(TILE, TILE_BYTES // (lanes * np.dtype(kind).itemsize))
+    least, first, found = np.empty((3, size), np.int32)
+    return least, np.empty(size, kind), first, found, np.empty(4 * size, kind)
 
 
 def _right_scratch(size: int, kind: DTypeLike, left_right: int) -> tuple[NDArray[Any] | None, NDArray[Any] | None]:

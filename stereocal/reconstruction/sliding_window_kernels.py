@@ -1,25 +1,28 @@
 # mypy: allow-untyped-defs
 """Kernels of block matching: a window slides over the image and the sums in it are updated, not summed anew.
 
-The sum of absolute differences over the window of (2r + 1)² pixels around (x, y), at each disparity d,
+The sum of absolute differences over the window of (2r + 1)² pixels around (x, y), at each disparity d, is
 
-    S(x, y, d) = Σ_{i,j = −r…r} |L(x + i, y + j) − R(x + i − d, y + j)|,
+    S(x, y, d) = Σ_{i,j = −r…r} |L(x + i, y + j) − R(x + i − d, y + j)|.
 
-is a sum of column sums, C(x, y, d) = Σ_j |L(x, y + j) − R(x − d, y + j)|. Going down a row, each column gains one
-pixel and loses one; going right by a pixel, the window gains one column and loses one:
+When the window goes down a row, each of its columns gains a pixel below and loses one above. Let g be what column x
+gains by that, and G what the window gains:
 
-    C(x, y, d) = C(x, y − 1, d) + |L(x, y + r) − R(x − d, y + r)| − |L(x, y − r − 1) − R(x − d, y − r − 1)|
-    S(x, y, d) = S(x − 1, y, d) + C(x + r, y, d) − C(x − r − 1, y, d),
+    g(x, d) = |L(x, y + r) − R(x − d, y + r)| − |L(x, y − r − 1) − R(x − d, y − r − 1)|
+    G(x, d) = Σ_i g(x + i, d) = G(x − 1, d) + g(x + r, d) − g(x − r − 1, d)
+    S(x, y, d) = S(x, y − 1, d) + G(x, d).
 
-so that the work does not depend on the block size, and the memory is one row of columns, O(W·D). The differences of the
-row that leaves are computed again: that is quicker than to have stored them. For the first window of a row there stand
-2r + 1 columns of zeros before the first, so that the sum over the columns that enter needs no other loop.
+So the work does not depend on the block size, and the memory is the sums of one row, O(W·D), with the last 2r + 1 g's
+in a ring. That g is small is what makes this quick: with StereoBM's filtered images a difference of two g's fits into
+8 bits, so that half of the work is done on numbers of one byte. (The better known way keeps the column sums and adds
+the one that enters and subtracts the one that leaves: twice the memory to pass by at each pixel, and all of 16 bits.)
+The sums of the row above the first are had in the same way, with the sums down the columns in the place of g.
 
 Disparities are counted DOWN: k = 0 … D − 1 stands for d = d_max − k, because R(x − d) then lies in memory in the order
 of k. The smallest k wins a tie: the largest disparity, as in OpenCV.
 
 The kernel comes twice, :func:`match_rows` in plain loops and :func:`match_rows_vector` with the D sums as ONE value
-(:mod:`stereocal.reconstruction.vector_primitives`) that stays in registers along the row; the tests hold them equal.
+(:mod:`stereocal.reconstruction.vector_primitives`), G in registers along the row; the tests hold them equal.
 
 **How the second finds the winner.** To find the smallest of D numbers and then where it is, and then who else is near,
 takes long not because it is much work but because each step waits for the one before. So it is done in phases over a
@@ -29,17 +32,17 @@ around t. That is enough: if the winner is unique, all lanes with S ≤ ℓ lie 
 remains is done for 16 pixels at once, with conditions joined by | and & instead of branches.
 
 **16 bits or 32.** Numbers of 16 bits take half the registers and half the time of 32. Sums over large windows may not
-fit into them, but mostly do: the images would have to differ everywhere. So the kernel tries, and watches. A step along
-the row adds no more than the greatest column sum, c_max (2r + 1) with c_max the greatest pixel value; as long as no sum
-has come within that of 2¹⁶, none has passed it unseen. If one comes that near, the kernel stops, and the rows from
-there on are done with 32 bits.
+fit into them, but mostly do: the images would have to differ everywhere. So the kernel tries, and watches. A step, down
+a row or along it, adds no more than the greatest column sum, c_max (2r + 1) with c_max the greatest pixel value; as
+long as no sum has come within that of 2¹⁶, none has passed it unseen. If one comes that near, the kernel stops, and the
+rows from there on are done with 32 bits.
 
 Arguments that both kernels share:
 
 left, right : (H, W) uint8
     Grey or prefiltered images. For the vector kernel `right` has room for `lanes` candidates at each start.
 left_column, right_start : (n + 2r,) intp
-    For each column of sums: where it stands in `left`, and where its candidate k = 0 stands in `right`.
+    For each column of a window: where it stands in `left`, and where its candidate k = 0 stands in `right`.
 radius : int
     r.
 rows : (first, last)
@@ -65,6 +68,8 @@ from numba import njit
 
 from stereocal.reconstruction.vector_primitives import (
     absolute_difference,
+    absolute_difference_of_halves,
+    copy_four,
     count_at_most,
     element,
     fill,
@@ -79,43 +84,38 @@ from stereocal.reconstruction.vector_primitives import (
     widen_signed,
 )
 
-TILE = 48
-"""Pixels of which the vector kernel takes a step together."""
+FAR = np.int32(2147483647)
+"""More than any sum: what stands beside the first and the last disparity."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def refined(k, below, least, above, d_max, count, subpixel):
-    """The disparity of winner k from S(d − 1), S(d), S(d + 1); all in float64, which holds these integers exactly."""
-    d = np.float64(d_max - k)
-    slope = below - above
-    inside = (k > 0) & (k < count - 1)
-    if subpixel == 1:  # OpenCV's, in sixteenths of a pixel; p + n − 2m + |p − n| is 2 (max(p, n) − m)
-        fraction = np.trunc(128.0 * slope / max(max(below, above) - least, 0.5))
-        value = np.floor((256.0 * d + (fraction if inside else 0.0) + 15.0) * 0.0625) * 0.0625
-    elif subpixel == 2:
-        curvature = below + above - 2.0 * least
-        fraction = 0.5 * slope / max(curvature, 1.0)
-        value = d + (fraction if inside & (curvature > 0.0) else 0.0)
-    else:
-        value = d
-    return np.float32(value if k >= 0 else np.nan)
+def refined_opencv(k, below, least, above, d_max, count):
+    """OpenCV's disparity of winner k from S(d − 1), S(d), S(d + 1), in sixteenths; p + n − 2m + |p − n| is 2 (max − m).
 
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def refined_narrow(k, below, least, above, d_max, count):
-    """OpenCV's refinement of sums below 2¹⁶ in float32, sixteen pixels at a time: equal to :func:`refined`.
-
-    The quotient a/b is not an integer unless b divides a, and then at least 1/b > 2⁻¹⁶ away from one, while rounding to
-    float32 moves a number up to 128 by at most 2⁻¹⁸: it never carries the quotient over an integer.
+    The sums come as float64, which holds these integers exactly, or as float32 if they are below 2¹⁶: the quotient a/b
+    is not an integer unless b divides a, and then at least 1/b > 2⁻¹⁶ away from one, while rounding to float32 moves
+    a number up to 128 by at most 2⁻¹⁸: it never carries the quotient over an integer.
     """
-    d = np.float32(d_max - k)
-    inside = (k > 0) & (k < count - 1)
+    d = np.float32(np.int32(d_max - k))
+    inside = (k > 0) & (k < np.int32(count - 1))
     depth = max(max(below, above) - least, np.float32(0.5))
-    fraction = np.trunc(np.float32(128.0) * (below - above) / depth)
+    fraction = np.float32(np.trunc(np.float32(128.0) * (below - above) / depth))
     sixteenth = np.float32(0.0625)
     steps = np.float32(256.0) * d + (fraction if inside else np.float32(0.0)) + np.float32(15.0)
     value = np.floor(steps * sixteenth) * sixteenth
     return value if k >= 0 else np.float32(np.nan)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def refined(k, below, least, above, d_max, count, subpixel):
+    """The disparity of winner k from S(d − 1), S(d), S(d + 1) in float64; `subpixel` as in :func:`match_rows`."""
+    if subpixel == 1:
+        return refined_opencv(k, below, least, above, d_max, count)
+    curvature = below + above - 2.0 * least
+    parabola = (subpixel == 2) & (k > 0) & (k < count - 1) & (curvature > 0.0)
+    fraction = 0.5 * (below - above) / max(curvature, 1.0)
+    value = np.float64(d_max - k) + (fraction if parabola else 0.0)
+    return np.float32(value if k >= 0 else np.nan)
 
 
 @njit(cache=True, nogil=True)
@@ -132,42 +132,54 @@ def check_left_right(winners, right_winner, d_max, tolerance, y, first_x, out):
 @njit(cache=True, nogil=True)
 def match_rows(
     left, right, left_column, right_start, radius, rows, search,
-    columns, window, winners, right_sum, right_winner, out, cost,
+    sums, window_gain, ring, winners, right_sum, right_winner, out, cost,
 ):  # fmt: skip
     """Match rows by the smallest S: plain loops.
 
     Parameters
     ----------
-    columns : (n + 2r, D) int32
-        Scratch: C.
-    window : (D,) int32
+    sums : (n, D) int32
         Scratch: S.
+    window_gain : (D,) int32
+        Scratch: G.
+    ring : (2r + 1, D) int32
+        Scratch: the last g's.
     """
     first_x, d_max, count, uniqueness_ratio, subpixel, left_right = search
     first, last = rows
     n = len(left_column) - 2 * radius
-    columns[:] = 0
-    for y in range(first - radius - 1, first + radius):
-        for j in range(n + 2 * radius):
-            value = np.int64(left[max(y, 0), left_column[j]])
-            for k in range(count):
-                columns[j, k] += abs(value - np.int64(right[max(y, 0), np.intp(right_start[j]) + k]))
+    window_gain[:] = 0
+    ring[:] = 0
+    for j in range(n + 2 * radius):
+        slot = j % (2 * radius + 1)
+        for k in range(count):
+            column = 0
+            for y in range(first - radius - 1, first + radius):
+                there = np.int64(right[max(y, 0), np.intp(right_start[j]) + k])
+                column += abs(np.int64(left[max(y, 0), left_column[j]]) - there)
+            window_gain[k] += column - ring[slot, k]
+            ring[slot, k] = column
+            if j >= 2 * radius:
+                sums[j - 2 * radius, k] = window_gain[k]
 
     for y in range(first, last):
         entering, leaving = y + radius, max(y - radius - 1, 0)
-        window[:] = 0
-        right_sum[:] = 2147483647
+        window_gain[:] = 0
+        ring[:] = 0
+        right_sum[:] = FAR
         for j in range(n + 2 * radius):
             new, old = np.int64(left[entering, left_column[j]]), np.int64(left[leaving, left_column[j]])
-            start = np.intp(right_start[j])
+            start, slot = np.intp(right_start[j]), j % (2 * radius + 1)
             for k in range(count):
-                columns[j, k] += abs(new - np.int64(right[entering, start + k])) - abs(
-                    old - np.int64(right[leaving, start + k])
-                )
-                window[k] += columns[j, k]
+                gain = abs(new - np.int64(right[entering, start + k])) - abs(old - np.int64(right[leaving, start + k]))
+                window_gain[k] += gain - ring[slot, k]
+                ring[slot, k] = gain
             x = j - 2 * radius
             if x < 0:
                 continue
+            window = sums[x]
+            for k in range(count):
+                window[k] += window_gain[k]
             if left_right >= 0:
                 there = first_x + x - d_max
                 for k in range(count):
@@ -192,107 +204,141 @@ def match_rows(
                 out[y, first_x + x] = refined(winners[x], below, least, above, d_max, count, subpixel)
                 if cost.size > 0:
                     cost[y, first_x + x] = window[winner]
-            for k in range(count):
-                window[k] -= columns[x, k]
         if left_right >= 0:
             check_left_right(winners, right_winner, d_max, left_right, y, first_x, out)
 
 
+@njit(cache=True, nogil=True)
+def meet_right(sums, begin, size, lanes, beyond, first_x, d_max, right_sum, right_winner):
+    """Let each pixel of the right image keep the smallest S it has met, and where; a tie goes to the later x."""
+    for i in range(begin, begin + size):
+        ranked = load(sums, 32 + i * 16 * len(lanes), lanes)
+        if beyond is not None:
+            ranked = ranked | load(beyond, 0, lanes)
+        x = first_x + i
+        met, before = load(right_sum, x - d_max, lanes), load(right_winner, x - d_max, lanes)
+        store(where_at_most(ranked, met, fill(x, before), before), right_winner, x - d_max)
+        store(where_at_most(ranked, met, ranked, met), right_sum, x - d_max)
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def choose_winners(tile, size, unique, winners, disparity):
-    """Turn the finds about a tile's pixels into winners: t or t + 1, or −1 for none.
+def find_winners(sums, begin, size, lanes, beyond, uniqueness_ratio, least, limit, first, found, around):
+    """From the sums of a tile, pixels begin, begin + 1, … of a row, and their minima m: ℓ, t, c and the sums around t.
+
+    The half in ℓ = m + ⌊(m u + ½)/100⌋ keeps the quotient, of which the floor is taken, clear of integers, so that it
+    may be had by a multiplication.
 
     Parameters
     ----------
-    tile : (8 T,) int32
-        T numbers each of m, ℓ, t, c, and S at t − 1, t, t + 1, t + 2.
+    least : (T,) int32
+        m of each pixel.
+    limit : (T,) of the type of S
+        Written: ℓ.
+    first, found : (T,) int32
+        Written: t and c.
+    around : (4 T,) of the type of S
+        Written: S at t − 1, t, t + 1 and t + 2 of each pixel.
+    """
+    highest = 65534.0 if sums.itemsize == 2 else 2147483646.0
+    for i in range(size):
+        m = np.float64(least[i])
+        limit[i] = min(m + np.floor((m * uniqueness_ratio + 0.5) * 0.01), highest)
+    for i in range(size):
+        window = 32 + (begin + i) * 16 * len(lanes)
+        ranked = load(sums, window, lanes)
+        if beyond is not None:
+            ranked = ranked | load(beyond, 0, lanes)
+        t, close = first_and_count_at_most(ranked, element(limit, i))
+        first[i] = t
+        found[i] = close
+        copy_four(sums, window + t - 1, around, 4 * i)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def refine_tile(limits, firsts, founds, around, unique, d_max, count, subpixel, opencv, winners, disparity):
+    """Turn what was found about a tile's pixels into winners, t or t + 1 or −1 for none, and into disparities.
+
+    Parameters
+    ----------
+    limits, firsts, founds, around
+        As :func:`find_winners` leaves them.
     unique : bool
         Whether the winner must be unique.
-    winners : (size,) int32
-        Where to.
+    d_max, count : int32
+    opencv : True or None
+        True if `subpixel` is OpenCV's, which spares the loop the question.
+    winners : (size,) int32 or None
+        Written, if wanted.
     disparity : (size,) float32
-        NaN where no disparity is wanted.
+        NaN where no disparity is wanted; written.
     """
-    for i in range(size):
-        limit, t, found = tile[TILE + i], tile[2 * TILE + i], tile[3 * TILE + i]
-        s1, s2, s3 = tile[5 * TILE + i], tile[6 * TILE + i], tile[7 * TILE + i]
+    last = np.int32(count - 1)
+    for i in range(len(disparity)):
+        limit, t, found = np.int32(limits[i]), firsts[i], founds[i]
+        s0, s1 = np.int32(around[4 * i]), np.int32(around[4 * i + 1])
+        s2, s3 = np.int32(around[4 * i + 2]), np.int32(around[4 * i + 3])
+        s2, s3 = (s2 if t < last else FAR), (s3 if t < np.int32(last - 1) else FAR)
         later = s2 < s1  # t + 1 rather than t
         one, two = s2 <= limit, later & (s3 <= limit)  # these neighbours are within the limit as they may be
         crowded = (found > 3) | ((found == 3) & ~(one & two)) | ((found == 2) & ~(one | two))
         rejected = unique & (crowded | (s3 < s1) & (s3 < s2)) | (disparity[i] != disparity[i])
-        winners[i] = np.int32(-1) if rejected else (np.int32(t + 1) if later else t)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def refine_tile(tile, size, winners, d_max, count, subpixel, narrow, disparity):
-    """Write the disparities of a tile; `tile` and `winners` as in :func:`choose_winners`."""
-    for i in range(size):
-        s0, s1 = tile[4 * TILE + i], tile[5 * TILE + i]
-        s2, s3 = tile[6 * TILE + i], tile[7 * TILE + i]
-        later = s2 < s1
+        k = np.int32(-1) if rejected else np.int32(t + later)
+        if winners is not None:
+            winners[i] = k
         below, least, above = (s3 if later else s2), (s2 if later else s1), (s1 if later else s0)
-        if narrow is None:
-            disparity[i] = refined(
-                winners[i], np.float64(below), np.float64(least), np.float64(above), d_max, count, subpixel
-            )
+        if opencv is None:
+            p, m, q = np.float64(below), np.float64(least), np.float64(above)
+            disparity[i] = refined(k, p, m, q, d_max, count, subpixel)
+        elif limits.itemsize == 2:
+            disparity[i] = refined_opencv(k, np.float32(below), np.float32(least), np.float32(above), d_max, count)
         else:
-            disparity[i] = refined_narrow(
-                winners[i], np.float32(below), np.float32(least), np.float32(above), d_max, count
-            )
+            disparity[i] = refined_opencv(k, np.float64(below), np.float64(least), np.float64(above), d_max, count)
 
 
 @njit(cache=True, nogil=True)
-def meet_right(windows, size, lanes, x, there, right_sum, right_winner):
-    """Let each pixel of the right image keep the smallest S it has met, and where; a tie goes to the later x."""
-    pitch = 16 * len(lanes) + 32
-    for i in range(size):
-        ranked = load(windows, 32 + i * pitch, lanes)
-        met, before = load(right_sum, there + i, lanes), load(right_winner, there + i, lanes)
-        store(where_at_most(ranked, met, fill(x + i, before), before), right_winner, there + i)
-        store(where_at_most(ranked, met, ranked, met), right_sum, there + i)
+def distances(left, at, right, start, small, lanes):
+    """|L − R| of the pixel left[at] and its candidates, which begin at right[start]."""
+    candidates = load(right, start, lanes)
+    if small is None:
+        return absolute_difference(candidates, fill_from(left, at, candidates))
+    return absolute_difference_of_halves(candidates, fill_from(left, at, candidates))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def find_winners(windows, size, lanes, uniqueness_ratio, never, tile):
-    """From the sums of a tile's pixels and their minima m: ℓ, t, c and the sums around t, see :func:`choose_winners`.
+@njit(cache=True, nogil=True)
+def first_sums(left, right, left_column, right_start, radius, first, lanes, small, highest, columns, sums):
+    """Write S one row above the first: rows first − r − 1 … first + r − 1, and above the image row 0.
 
-    The half in ℓ = m + ⌊(m u + ½)/100⌋ keeps the quotient, of which the floor is taken, clear of integers, so that it
-    may be had by a multiplication.
+    Returns whether all sums fit, see `highest` in :func:`match_rows_vector`.
     """
-    pitch = 16 * len(lanes) + 32
-    for i in range(size):
-        limit = tile[i] + np.floor((np.float64(tile[i]) * uniqueness_ratio + 0.5) * 0.01)
-        tile[TILE + i] = np.int32(min(limit, np.float64(never - 1)))
-    for i in range(size):
-        window = 32 + i * pitch
-        t, found = first_and_count_at_most(load(windows, window, lanes), tile[TILE + i])
-        tile[2 * TILE + i], tile[3 * TILE + i] = t, found
-        tile[4 * TILE + i] = element(windows, window + t - 1)
-        tile[5 * TILE + i] = element(windows, window + t)
-        tile[6 * TILE + i] = element(windows, window + t + 1)
-        tile[7 * TILE + i] = element(windows, window + t + 2)
-
-
-@njit(cache=True, nogil=True)
-def fill_columns(left, right, left_column, right_start, radius, first, lanes, blank, columns):
-    """Write C as it is one row above the first: rows first − r − 1 … first + r − 1, and above the image row 0."""
     size = 16 * len(lanes)
     reference, candidates = left.ravel(), right.ravel()
     columns[:] = 0
     zero = load(columns, 0, lanes)
-    for y in range(first - radius - 1, first + radius):
-        here, there = max(y, 0) * left.shape[1], max(y, 0) * right.shape[1]
-        for j in range(len(left_column)):
-            new = load(candidates, there + element(right_start, j), lanes)
-            new = absolute_difference(new, fill_from(reference, here + element(left_column, j), new))
-            at = blank + j * size
-            store(load(columns, at, lanes) + widen(new, zero), columns, at)
+    window = load(sums, 0, lanes)
+    window = window - window
+    seen = window
+    slot = 0
+    for j in range(len(left_column)):
+        start, x = element(right_start, j), element(left_column, j)
+        column = zero
+        for y in range(first - radius - 1, first + radius):
+            here, there = max(y, 0) * left.shape[1], max(y, 0) * right.shape[1]
+            column = column + widen(distances(reference, here + x, candidates, there + start, small, lanes), zero)
+        window = window + widen_signed(column - load(columns, slot, lanes), window)
+        store(column, columns, slot)
+        slot = slot + size if slot < 2 * radius * size else 0
+        if highest is not None:
+            seen = maximum(seen, window)
+        if j >= 2 * radius:
+            store(window, sums, 32 + (j - 2 * radius) * size)
+    return highest is None or count_at_most(seen, highest) == size
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def match_rows_vector(
     left, right, left_column, right_start, radius, rows, search,
-    lanes, columns, windows, beyond, signed, narrow, highest, tile, winners, right_sum, right_winner, out, cost,
+    lanes, sums, columns, ring, beyond, small, opencv, highest, finds,
+    winners, right_sum, right_winner, out, cost,
 ):  # fmt: skip
     """Match rows by the smallest S, the D sums as one value; return the first row that was not done.
 
@@ -300,85 +346,89 @@ def match_rows_vector(
     ----------
     lanes : tuple
         D, rounded up to a multiple of 16, as a type: see ``vector_primitives.lanes_of``.
-    columns : ((n + 4r + 1) · lanes,) uint16
-        Scratch: 2r + 1 columns of zeros, then C.
-    windows : (32 + T (lanes + 32),) uint16 or uint32
-        Scratch: S of the T pixels of a tile, 32 guards before and after each, which no sum reaches. Enters filled
-        with the guard.
+    sums : (32 + n · lanes + 32,) uint16 or uint32
+        Scratch: S of a row from 32 on.
+    columns : ((2r + 1) · lanes,) uint16 or uint32
+        Scratch: the last sums down a column; G has its type, for whose signed numbers c_max (2r + 1) is not too much.
+    ring : ((2r + 1) · lanes,) uint8 or uint16
+        Scratch: the last g's. uint8 if 2 c_max < 128.
     beyond : (lanes,) of the type of S, or None
-        The guard in the lanes k ≥ D, so that they never win; None if there are no such lanes.
-    signed : True or None
-        True if no image value is above 127, so that the difference of two differences fits into 8 bits, and that of
-        two columns into 16.
-    narrow : True or None
-        True to refine by :func:`refined_narrow`: S is uint16 and `subpixel` OpenCV's.
+        All ones in the lanes k ≥ D, so that they never win; None if there are no such lanes.
+    small : True or None
+        True if no image value is above 127.
+    opencv : True or None
+        True if `subpixel` is OpenCV's.
     highest : int or None
         Where S is uint16 and may not fit: the greatest S from which one step does not lead beyond 2¹⁶ − 1.
-    tile : (8 T,) int32
-        Scratch: what is found about each pixel of a tile, see :func:`choose_winners`.
+    finds : (least, limit, first, found, around)
+        Scratch: what is found about each pixel of a tile, see :func:`find_winners`. T should be so small that the
+        sums of a tile stay in the first cache.
     right_sum, right_winner : (W + lanes,)
         None if `left_right` is −1; `right_sum` has the type of S.
     """
     first_x, d_max, count, uniqueness_ratio, subpixel, left_right = search
     first, last = rows
     size = 16 * len(lanes)
-    blank = (2 * radius + 1) * size
     stride, left_stride = right.shape[1], left.shape[1]
     reference, candidates = left.ravel(), right.ravel()
     n = len(left_column) - 2 * radius
-    never = np.int64(windows[0])
-    fill_columns(left, right, left_column, right_start, radius, first, lanes, blank, columns)
+    if not first_sums(left, right, left_column, right_start, radius, first, lanes, small, highest, columns, sums):
+        return first
+    columns[:] = 0
     zero = load(columns, 0, lanes)
+    least, limit, found_first, found, around = finds
+    tile = len(least)
 
     for y in range(first, last):
-        entering, leaving = y + radius, max(y - radius - 1, 0)
-        enter, leave = entering * stride, leaving * stride
-        enter_left, leave_left = entering * left_stride, leaving * left_stride
+        enter, leave = (y + radius) * stride, max(y - radius - 1, 0) * stride
+        enter_left, leave_left = (y + radius) * left_stride, max(y - radius - 1, 0) * left_stride
         if right_sum is not None:
-            right_sum[:] = never
-        sums = load(windows, 32, lanes)
-        sums = sums - sums
-        seen = sums
-        begin = -2 * radius
-        while begin < n:
-            # up to the first pixel the columns are only summed; from there on, tile by tile, the sums are ranked too
-            pixels = 2 * radius if begin < 0 else min(TILE, n - begin)
+            right_sum[:] = -1  # all ones
+        ring[:] = 0
+        none = load(ring, 0, lanes)
+        window_gain = zero
+        for j in range(2 * radius):
+            start, x = element(right_start, j), element(left_column, j)
+            new = distances(reference, enter_left + x, candidates, enter + start, small, lanes)
+            old = distances(reference, leave_left + x, candidates, leave + start, small, lanes)
+            gain = widen(new, none) - widen(old, none)
+            window_gain = window_gain + widen_signed(gain, zero)
+            store(gain, ring, j * size)
+        slot = 2 * radius * size
+        seen = load(sums, 32, lanes)
+        for begin in range(0, n, tile):
+            pixels = min(tile, n - begin)
             for i in range(pixels):
-                j = begin + 2 * radius + i
-                start, column = element(right_start, j), element(left_column, j)
-                new, old = load(candidates, enter + start, lanes), load(candidates, leave + start, lanes)
-                new = absolute_difference(new, fill_from(reference, enter_left + column, new))
-                old = absolute_difference(old, fill_from(reference, leave_left + column, old))
-                gained, lost = load(columns, blank + j * size, lanes), load(columns, j * size, lanes)
-                if signed is None:
-                    gained = gained + widen(new, zero) - widen(old, zero)
-                    sums = sums + widen(gained, sums) - widen(lost, sums)
-                else:
-                    gained = gained + widen_signed(new - old, zero)
-                    sums = sums + widen_signed(gained - lost, sums)
-                store(gained, columns, blank + j * size)
+                j, at = begin + 2 * radius + i, 32 + (begin + i) * size
+                start, x = element(right_start, j), element(left_column, j)
+                new = distances(reference, enter_left + x, candidates, enter + start, small, lanes)
+                old = distances(reference, leave_left + x, candidates, leave + start, small, lanes)
+                gain = widen(new, none) - widen(old, none)
+                window_gain = window_gain + widen_signed(gain - load(ring, slot, lanes), zero)
+                store(gain, ring, slot)
+                slot = slot + size if slot < 2 * radius * size else 0
+                S = load(sums, at, lanes)
+                S = S + widen_signed(window_gain, S)
+                store(S, sums, at)
                 if highest is not None:
-                    seen = maximum(seen, sums)
-                if begin >= 0:
-                    ranked = sums
-                    if beyond is not None:
-                        ranked = sums | load(beyond, 0, lanes)
-                    store(ranked, windows, 32 + i * (size + 32))
-                    tile[i] = smallest(ranked)
+                    seen = maximum(seen, S)
+                if beyond is not None:
+                    S = S | load(beyond, 0, lanes)
+                least[i] = smallest(S)
             if highest is not None and count_at_most(seen, highest) < size:
                 return y
-            if begin >= 0:
-                if right_sum is not None:
-                    x = first_x + begin
-                    meet_right(windows, pixels, lanes, x, x - d_max, right_sum, right_winner)
-                find_winners(windows, pixels, lanes, uniqueness_ratio, never, tile)
+            find_winners(sums, begin, pixels, lanes, beyond, uniqueness_ratio, least, limit, found_first, found, around)
+            disparity = out[y, first_x + begin : first_x + begin + pixels]
+            chosen = None
+            if right_winner is not None:
+                meet_right(sums, begin, pixels, lanes, beyond, first_x, d_max, right_sum, right_winner)
                 chosen = winners[begin : begin + pixels]
-                disparity = out[y, first_x + begin : first_x + begin + pixels]
-                choose_winners(tile, pixels, uniqueness_ratio > 0, chosen, disparity)
-                refine_tile(tile, pixels, chosen, d_max, count, subpixel, narrow, disparity)
-                if cost.size > 0:
-                    cost[y, first_x + begin : first_x + begin + pixels] = tile[:pixels]
-            begin += pixels
+            refine_tile(
+                limit, found_first, found, around, uniqueness_ratio > 0, np.int32(d_max), np.int32(count), subpixel,
+                opencv, chosen, disparity,
+            )  # fmt: skip
+            if cost.size > 0:
+                cost[y, first_x + begin : first_x + begin + pixels] = least[:pixels]
         if right_winner is not None:
             check_left_right(winners, right_winner, d_max, left_right, y, first_x, out)
     return last

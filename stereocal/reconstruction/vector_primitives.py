@@ -149,6 +149,21 @@ def element(typingctx, array, index):
 
 
 @intrinsic
+def copy_four(typingctx, source, index, target, to):
+    """target[to], …, target[to + 3] = source[index], …, source[index + 3], in one step."""
+    bits = source.dtype.bitwidth
+
+    def codegen(context, builder, signature, args):
+        kind = ir.VectorType(ir.IntType(bits), 4).as_pointer()
+        there = _address(context, builder, signature.args[0], args[0], args[1])
+        here = _address(context, builder, signature.args[2], args[2], args[3])
+        builder.store(builder.load(builder.bitcast(there, kind), align=1), builder.bitcast(here, kind), align=1)
+        return context.get_dummy_value()
+
+    return types.void(source, types.intp, target, types.intp), codegen
+
+
+@intrinsic
 def fill(typingctx, value, like):
     """Vector of the kind of `like` with `value` in every lane."""
 
@@ -220,6 +235,16 @@ absolute_difference = intrinsic(
     _binary(lambda builder, a, b: builder.sub(_extreme(builder, "umax", a, b), _extreme(builder, "umin", a, b)))
 )
 maximum = intrinsic(_binary(lambda builder, a, b: _extreme(builder, "umax", a, b)))
+
+
+def _signed_size(builder, a, b):
+    kind = a.type
+    name = f"llvm.abs.v{kind.count}i{kind.element.width}"
+    return _call(builder, name, kind, builder.sub(a, b), ir.Constant(ir.IntType(1), 0))
+
+
+absolute_difference_of_halves = intrinsic(_binary(_signed_size))
+"""The same of numbers in the lower half of their range: their difference fits with its sign, one step less."""
 
 
 @overload(operator.add)

@@ -181,11 +181,11 @@ def test_sums_that_outgrow_16_bits_midway() -> None:
     k=st.integers(-1, 63), d_max=st.integers(-2100, 2600),
 )  # fmt: skip
 def test_refinement_in_float32_equals_that_in_float64(least, beside, k, d_max) -> None:
-    from stereocal.reconstruction.sliding_window_kernels import refined, refined_narrow
+    from stereocal.reconstruction.sliding_window_kernels import refined_opencv
 
     below, above = (max(least, value) for value in beside)
-    exact = refined(k, float(below), float(least), float(above), d_max, 64, 1)
-    narrow = refined_narrow(k, np.float32(below), np.float32(least), np.float32(above), d_max, 64)
+    exact = refined_opencv(k, float(below), float(least), float(above), d_max, 64)
+    narrow = refined_opencv(k, np.float32(below), np.float32(least), np.float32(above), d_max, 64)
     np.testing.assert_array_equal(narrow, exact)
 
 

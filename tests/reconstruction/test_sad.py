@@ -82,6 +82,13 @@ def test_plain_loops_equal_vectors(check, monkeypatch) -> None:
         np.testing.assert_array_equal(match_sad(left, right, left_right_check=check, subpixel=True, **case), expected)
 
 
+def test_sums_down_a_column_that_outgrow_16_bits() -> None:
+    left, right = np.full((310, 330), 255, np.uint8), np.zeros((310, 330), np.uint8)
+    left[:, ::7], right[:, ::5] = 3, 200  # 301 rows of nearly 255
+    options = {"num_disparities": 4, "block_size": 301}
+    np.testing.assert_array_equal(match_sad(left, right, **options), match_sad(left, right, backend="numpy", **options))
+
+
 def test_volume_is_the_equation() -> None:
     """[eq 22] with its sums written out, at one pixel and one disparity."""
     left, right = np.random.default_rng(0).integers(0, 256, (2, 20, 40)).astype(np.uint8)
