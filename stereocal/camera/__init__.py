@@ -18,13 +18,18 @@
 ``zhang``                           camera matrix and pose from homographies, in closed form
 ``calibration``                     calibrate_camera: from corners to a camera with its uncertainty
 ``seen_boards``                     the homographies of all views and the poses they give
+``camera_starts``                   candidates for the camera matrix
+``pose_reversal``                   Necker's reversal: boards tilted the other way
 ``initialisation``                  where the iteration starts
+``kink_starts``                     lower minima of rational lenses
 ``lens_starts``                     where a lens starts
 ``lens_doubts``                     what a fit leaves open: coefficients that trade, kinks, a centre adrift
 ``bundle``                          bundle adjustment: residuals, derivatives, block normal equations
-``bundle_kernels``                  the same, compiled
+``bundle_compiled``                 its arrays, laid out for kernels
+``bundle_kernels``                  residuals and normal equations, compiled
 ``bundle_solver``                   Levenberg–Marquardt on the blocks
 ``bundle_step_kernels``             its steps, compiled
+``bundle_geodesic``                 steps that bend along a valley
 ``bundle_problem``                  from lists of views to flat arrays
 ``board_shape``                     the board's shape as unknowns
 ``board_shape_fit``                 fitting it, and asking held-out views

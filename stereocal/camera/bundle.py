@@ -125,9 +125,11 @@ class Bundle:
         return slice(start, start + (0 if self.shape_basis is None else self.shape_basis.shape[2]))
 
     @cached_property
-    def by_axes(self) -> tuple[Float, Float]:
-        """Points (3, M) and measured corners (2, M), as the kernels read them."""
-        return np.ascontiguousarray(self.points.T), np.ascontiguousarray(self.measured.T)
+    def by_axes(self) -> Float:
+        """Rows X, Y, Z, u, v of all measurements, (5, M), as the kernels read them."""
+        out = np.empty((5, len(self.points)))
+        out[:3], out[3:] = self.points.T, self.measured.T
+        return out
 
     def rows_of_camera(self, camera: int) -> tuple[slice, np.ndarray]:
         """Return the rows of a camera's measurements and its blocks."""
@@ -190,10 +192,10 @@ class BundleState:
 class NormalEquations:
     """F and its normal equations at a state: U (F, F), b_z (F,), V (V, 6, 6), b_v (V, 6), W (V, F, 6).
 
-    `residuals` (M, 2) are p̃ − y there, neither weighted nor robust. `schur` and `inverse` keep the Schur complement and
-    S⁻¹ once ``bundle_solver`` and ``covariance`` have computed them. `eliminate`, which the compiled engine gives,
-    returns the Cholesky factors L of V (V, 6, 6), Z = L⁻¹ Wᵀ by unknowns (≥ F, 6V) and the factor of S (≥ F, ≥ F); None
-    where one is not positive definite.
+    `residuals` (M, 2) are p̃ − y there, neither weighted nor robust. `schur` and `half` keep the Schur complement S and
+    C of S⁻¹ = C Cᵀ once ``bundle_solver`` and ``covariance`` have computed them. `eliminate`, which the compiled engine gives,
+    returns L⁻¹ of the Cholesky factors of V (V, 6, 6), Z = L⁻¹ Wᵀ (V, 6, F) and the factor of S (F, F; its lower
+    triangle); None where one is not positive definite.
     """
 
     cost: float
@@ -204,7 +206,7 @@ class NormalEquations:
     W: Float
     residuals: Float
     schur: tuple[Float, Float] | None = None
-    inverse: Float | None = None
+    half: Float | None = None
     eliminate: Callable[[], tuple[Float, Float, Float] | None] | None = None
 
     @cached_property
@@ -227,7 +229,7 @@ def residuals(bundle: Bundle, state: BundleState) -> Float:
         with np.errstate(all="ignore"):
             x = np.where(X_c[:, 2:] > 0, X_c[:, :2] / X_c[:, 2:], np.nan)
         theta = state.intrinsics[c]
-        x_d = bundle.models[c].distort(x, theta[5:])
+        x_d = bundle.models[c].distort_compiled(x, theta[5:])
         out[rows, 0] = theta[0] * x_d[:, 0] + theta[4] * x_d[:, 1] + theta[2] - bundle.measured[rows, 0]
         out[rows, 1] = theta[1] * x_d[:, 1] + theta[3] - bundle.measured[rows, 1]
     return out

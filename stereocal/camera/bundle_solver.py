@@ -14,13 +14,13 @@ Where residuals are large, μ may settle above that. If F then ceases to fall by
 once more with a small μ.
 
 The loop is written once. What it drives is an engine: :class:`NumpyEngine`, the equations of ``bundle`` as they
-stand, for every lens and option; or :class:`CompiledEngine`, their twin in ``bundle_kernels`` and
-``bundle_step_kernels``.
+stand, for every lens and option; or ``bundle_compiled.CompiledEngine``, their twin in kernels.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -28,7 +28,7 @@ import numpy as np
 
 from stereocal.base.checks import Float, require_choice
 from stereocal.camera.bundle import Bundle, BundleState, NormalEquations, normal_equations
-from stereocal.camera.losses import LOSSES
+from stereocal.camera.bundle_compiled import CompiledEngine, has_kernel
 
 _GRADIENT_TOLERANCE = 1e-10
 _COST_TOLERANCE = 1e-14
@@ -46,10 +46,6 @@ _HOPELESS_DAMPING = 1e18
 _LEAST_DAMPING = 1e-30
 # A step damped less than this is as good as one of Gauss and Newton.
 _NEGLIGIBLE_DAMPING = 1e-6
-
-# The models that the kernels know, and how many coefficients of theirs.
-_KERNEL_SLOTS = {"pinhole": 0, "polynomial": 2, "brown": 5, "rational": 8, "thin_prism": 12, "tilted": 14, "fisheye": 4}
-_SLOTS = 19
 
 
 @dataclass
@@ -88,7 +84,11 @@ class BundleSolution:
 class BundleEngine(Protocol):
     """What the loop needs: F and its normal equations at a state, and a step from there."""
 
-    equations: NormalEquations
+    cost: float
+
+    @property
+    def equations(self) -> NormalEquations:
+        """The normal equations here."""
 
     def propose(self, mu: float) -> tuple[float, float, float] | None:
         """Try the step for damping μ; return (promised decrease, max |Dδ|, F there), None if it cannot be computed."""
@@ -110,6 +110,7 @@ def solve_bundle(
     max_iterations: int = 200,
     initial_damping: float = 1e-3,
     backend: str = "numba",
+    in_valley: bool = False,
 ) -> BundleSolution:
     """Minimise F from a starting state.
 
@@ -125,6 +126,8 @@ def solve_bundle(
         μ at the start, relative to the diagonal of the normal matrix.
     backend : {"numba", "numpy"}
         The compiled twin, where it knows the lens models and options of the bundle, or the equations in NumPy.
+    in_valley : bool
+        Whether steps are to bend along a valley (``bundle_geodesic``): fewer steps, each of which takes longer.
 
     Returns
     -------
@@ -132,7 +135,13 @@ def solve_bundle(
     """
     require_choice(backend, ("numba", "numpy"), "backend")
     compiled = backend == "numba" and has_kernel(bundle)
-    engine: BundleEngine = CompiledEngine(bundle, state) if compiled else NumpyEngine(bundle, state)
+    engine: BundleEngine
+    if in_valley and bundle.loss == "linear":
+        from stereocal.camera.bundle_geodesic import GeodesicEngine
+
+        engine = GeodesicEngine(bundle, state, _compiled_equations if compiled else normal_equations)
+    else:
+        engine = CompiledEngine(bundle, state) if compiled else NumpyEngine(bundle, state)
     mu, nu = initial_damping, 2.0
     iterations, reason, asked = 0, "", False
     last = (1e-300, np.inf)  # what the last two steps promised
@@ -141,8 +150,8 @@ def solve_bundle(
     rounding_of_r = _ROUNDING_OF_PIXELS * float(np.abs(bundle.measured).max(initial=0.0))
     if bundle.whitening is not None:
         rounding_of_r *= float(np.abs(bundle.whitening).max(initial=0.0))
-    while math.isfinite(engine.equations.cost):
-        cost = engine.equations.cost
+    while math.isfinite(engine.cost):
+        cost = engine.cost
         gradient = engine.gradient_norm()
         if cost <= floor or gradient <= _GRADIENT_TOLERANCE:
             reason = "cost" if cost <= floor else "gradient"
@@ -177,14 +186,9 @@ def solve_bundle(
     return BundleSolution(engine.state(), engine.equations, iterations, bool(reason), stopped, engine.gradient_norm())
 
 
-def has_kernel(bundle: Bundle) -> bool:
-    """Whether the compiled twin knows this bundle: OpenCV's lenses, a flat board, no priors."""
-    return (
-        all(model.name in _KERNEL_SLOTS for model in bundle.models)
-        and bundle.shape_basis is None
-        and bundle.prior_weights is None
-        and bool((np.count_nonzero(bundle.G, axis=1) <= 1).all())
-    )
+def _compiled_equations(bundle: Bundle, state: BundleState) -> NormalEquations:
+    """What ``bundle.normal_equations`` returns, from the compiled twin."""
+    return CompiledEngine(bundle, state).equations
 
 
 def schur_complement(equations: NormalEquations) -> tuple[Float, Float]:
@@ -219,29 +223,35 @@ def schur_complement(equations: NormalEquations) -> tuple[Float, Float]:
 class NumpyEngine:
     """The equations of ``bundle``, as they stand there."""
 
-    def __init__(self, bundle: Bundle, state: BundleState) -> None:
-        self._bundle, self._state = bundle, state
-        self.equations = normal_equations(bundle, state)
+    def __init__(
+        self, bundle: Bundle, state: BundleState,
+        evaluate: Callable[[Bundle, BundleState], NormalEquations] = normal_equations,
+    ) -> None:  # fmt: skip
+        self._bundle, self._state, self._evaluate = bundle, state, evaluate
+        self.equations = evaluate(bundle, state)
+        self.cost = self.equations.cost
         self._D2 = _diagonals(self.equations)
         self._there = (state, self.equations)
 
     def propose(self, mu: float) -> tuple[float, float, float] | None:
         """Solve (A + μD²) δ = −b and evaluate F at the end of δ."""
-        step = _damped_step(self.equations, mu, *self._D2)
+        step = damped_step(self.equations, mu, *self._D2)
         if step is None:
             return None
-        dz, dv = step
+        dz, dv = self.bend(*step, mu)
         state = self._state.moved(self._bundle.G @ dz, dv)
-        self._there = (state, normal_equations(self._bundle, state))
-        longest = max(
-            np.max(np.abs(dz) * np.sqrt(self._D2[0]), initial=0.0),
-            np.max(np.abs(dv) * np.sqrt(self._D2[1]), initial=0.0),
-        )
-        return _promised(self.equations, dz, dv), float(longest), self._there[1].cost
+        self._there = (state, self._evaluate(self._bundle, state))
+        longest = max(np.max(np.abs(part) * np.sqrt(D2), initial=0.0) for part, D2 in zip(step, self._D2, strict=True))
+        return _promised(self.equations, *step), float(longest), self._there[1].cost
+
+    def bend(self, dz: Float, dv: Float, mu: float) -> tuple[Float, Float]:
+        """Return the step that is taken for δ: δ itself."""
+        return dz, dv
 
     def accept(self) -> None:
         """Move on; the scaling D keeps the largest diagonals met."""
         self._state, self.equations = self._there
+        self.cost = self.equations.cost
         new = _diagonals(self.equations)
         self._D2 = (np.maximum(self._D2[0], new[0]), np.maximum(self._D2[1], new[1]))
 
@@ -262,131 +272,16 @@ class NumpyEngine:
         return self._state
 
 
-class CompiledEngine:
-    """The same, by the kernels of ``bundle_kernels`` and ``bundle_step_kernels``.
-
-    Arrays here and there change places when a step is taken.
-    """
-
-    def __init__(self, bundle: Bundle, state: BundleState) -> None:
-        from stereocal.camera import bundle_kernels, bundle_step_kernels
-
-        self._fill, self._steps = bundle_kernels.normal_equations_kernel, bundle_step_kernels
-        cameras, free, views = len(bundle.models), bundle.G.shape[1], bundle.view_count
-        self._slots = [_KERNEL_SLOTS[model.name] for model in bundle.models]
-        self._map = _kernel_map(bundle.G, self._slots)
-        kinds = [{"tilted": 1, "fisheye": 2}.get(model.name, 0) for model in bundle.models]
-        self._lenses = (np.array(self._slots), np.array(kinds) if any(kinds) else None)
-        plain = bundle.whitening is None and bundle.loss == "linear"
-        whitening = np.zeros((4, 0)) if bundle.whitening is None else bundle.whitening.reshape(-1, 4).T
-        self._data = (
-            *bundle.by_axes, bundle.offsets, bundle.camera_of_block, bundle.view_of_block,
-            np.ascontiguousarray(whitening), None if plain else LOSSES.index(bundle.loss), float(bundle.loss_scale),
-        )  # fmt: skip
-        theta = np.zeros((cameras, _SLOTS))
-        for row, values in zip(theta, state.intrinsics, strict=True):
-            row[: len(values)] = values
-        self._here: tuple[Float, ...] = (theta, np.array(state.R_rig, order="C"), np.array(state.t_rig, order="C"),
-                      np.array(state.R_views, order="C"), np.array(state.t_views, order="C"))  # fmt: skip
-        self._there = tuple(np.empty_like(part) for part in self._here)
-        shapes = ((free, free), (free,), (views, 6, 6), (views, 6), (views, free, 6), (len(bundle.points), 2))
-        self._blocks_here = tuple(np.empty(shape) for shape in shapes)
-        self._blocks_there = tuple(np.empty(shape) for shape in shapes)
-        tiles = _whole_tiles(free + 1)
-        self._work = (
-            np.zeros(free), np.zeros((views, 6)), np.empty(free), np.empty((views, 6)), np.zeros((tiles, tiles)),
-            np.empty((views, 6, 6)), np.zeros((tiles, 6 * views)),
-        )  # fmt: skip
-        self._scratch = (
-            np.empty(bundle_kernels.TMP_ROWS * bundle_kernels.CHUNK),
-            np.empty((bundle_kernels.J_ROWS, bundle_kernels.STRIDE)),
-        )
-        self._shape = state.shape
-        self.equations = self._equations(self._evaluate(self._here, self._blocks_here))
-        self._cost_there = np.inf
-
-    def _equations(self, cost: float) -> NormalEquations:
-        U, b, V, b_v, W, r = self._blocks_here
-        return NormalEquations(cost, U, b, V, b_v, W, r, eliminate=self._eliminate)
-
-    def _evaluate(self, at: tuple[Float, ...], into: tuple[Float, ...]) -> float:
-        return float(self._fill(*self._data, *at, *self._lenses, *self._map, *into, *self._scratch))
-
-    def propose(self, mu: float) -> tuple[float, float, float] | None:
-        """Solve (A + μD²) δ = −b and evaluate F at the end of δ."""
-        promised, longest = self._steps.step_kernel(
-            *self._blocks_here[:5], mu, *self._work, *self._here, *self._there, *self._map
-        )
-        if longest == -1.0:
-            return None
-        self._cost_there = self._evaluate(self._there, self._blocks_there)
-        return promised, longest, self._cost_there
-
-    def accept(self) -> None:
-        """Move on."""
-        self._here, self._there = self._there, self._here
-        self._blocks_here, self._blocks_there = self._blocks_there, self._blocks_here
-        self.equations = self._equations(self._cost_there)
-
-    def _eliminate(self) -> tuple[Float, Float, Float] | None:
-        """Factors of the undamped equations, from a step that is not taken."""
-        _, longest = self._steps.step_kernel(
-            *self._blocks_here[:5], 0.0, *self._work, *self._here, *self._there, *self._map
-        )
-        C, L, Z = self._work[4:]
-        return None if longest == -1.0 else (L, Z, C)
-
-    def gradient_norm(self) -> float:
-        """Return the largest |b_i| / √(A_ii F)."""
-        return float(self._steps.gradient_norm_kernel(*self._blocks_here[:4], self.equations.cost))
-
-    def state(self) -> BundleState:
-        """Return the state."""
-        theta, R_rig, t_rig, R_views, t_views = self._here
-        intrinsics = [row[: 5 + count] for row, count in zip(theta, self._slots, strict=True)]
-        return BundleState(intrinsics, R_rig, t_rig, R_views, t_views, self._shape)
-
-
-def _whole_tiles(count: int) -> int:
-    """`count` up to a multiple of four, the width of the kernels' tiles."""
-    return (count + 3) // 4 * 4
-
-
-def _kernel_map(G: Float, lens_counts: list[int]) -> tuple[np.ndarray, ...]:
-    """G for the kernels: of each camera the columns of θ_c in use, their number, target and factor; of the rig its
-    first target."""
-    cameras = len(lens_counts)
-    widest = 5 + max(lens_counts)
-    columns, counts = np.zeros((cameras, widest), dtype=np.int64), np.zeros(cameras, dtype=np.int64)
-    target, factor = np.zeros((cameras, widest), dtype=np.int64), np.zeros((cameras, widest))
-    rigs = np.full(cameras, -1)
-    at, to = np.nonzero(G)
-    first = 0
-    for c, count in enumerate(lens_counts):
-        own = (at >= first) & (at < first + 5 + count)
-        counts[c] = used = np.count_nonzero(own)
-        columns[c, :used], target[c, :used] = at[own] - first, to[own]
-        factor[c, :used] = G[at[own], to[own]]
-        first += 5 + count
-    for c in range(1, cameras):
-        free = to[at == first + 6 * (c - 1)]
-        if len(free):
-            rigs[c] = free[0]
-    return columns, counts, target, factor, rigs
-
-
 def _diagonals(equations: NormalEquations) -> tuple[Float, Float]:
     shared, views = np.diag(equations.U), np.diagonal(equations.V, axis1=1, axis2=2)
     return np.where(shared > 0, shared, 1.0), np.where(views > 0, views, 1.0)
 
 
-def _damped_step(
-    equations: NormalEquations, mu: float, D2_shared: Float, D2_views: Float
-) -> tuple[Float, Float] | None:
+def damped_step(equations: NormalEquations, mu: float, D2_shared: Float, D2_views: Float) -> tuple[Float, Float] | None:
     """Solve (A + μD²) δ = −b by blocks; None if A is singular to working precision."""
     V = equations.V + mu * D2_views[:, :, None] * np.eye(6)
     U = equations.U + mu * np.diag(D2_shared)
-    damped = replace(equations, U=U, V=V, schur=None, inverse=None, eliminate=None)
+    damped = replace(equations, U=U, V=V, schur=None, half=None, eliminate=None)
     try:
         S, V_inv_Wt = schur_complement(damped)
         V_inv_b = (damped.V_inverse @ equations.b_views[:, :, None])[:, :, 0]

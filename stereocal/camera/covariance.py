@@ -78,19 +78,14 @@ def bundle_covariance(bundle: Bundle, state: BundleState, equations: NormalEquat
     priors = 0 if bundle.prior_weights is None else int(np.count_nonzero(bundle.prior_weights))
     freedom = 2 * len(bundle.points) + priors - free - 6 * bundle.view_count
     n = bundle.G.shape[0]
-    S_inv = inverse_of_schur(equations)
-    if S_inv is None or freedom <= 0:
+    half = half_of_inverse(equations)
+    if half is None or freedom <= 0:
         shapes = ((n, n), (bundle.view_count, n, 6), (bundle.view_count, 6, 6))
         return BundleCovariance(np.inf, freedom, *(np.full(shape, np.inf) for shape in shapes))
     variance = equations.cost / freedom
-    shared = bundle.G @ S_inv @ bundle.G.T
-    if equations.factors is None:
-        cross, views = pose_covariances(bundle.G, state.rvecs, equations, S_inv)
-    else:
-        from stereocal.camera.bundle_step_kernels import covariance_kernel
-
-        cross, views = np.empty((bundle.view_count, n, 6)), np.empty((bundle.view_count, 6, 6))
-        covariance_kernel(*equations.factors[:2], S_inv, bundle.G, state.rvecs, cross, views)
+    G_half = bundle.G @ half
+    shared = G_half @ G_half.T
+    cross, views = pose_covariances(G_half, half, state.rvecs, equations)
     if len(bundle.models) > 1:
         rig = np.eye(n)
         for part, J in zip(
@@ -101,50 +96,55 @@ def bundle_covariance(bundle: Bundle, state: BundleState, equations: NormalEquat
     return BundleCovariance(variance, freedom, variance * shared, variance * cross, variance * views)
 
 
-def pose_covariances(G: Float, rvecs: Float, equations: NormalEquations, S_inv: Float) -> tuple[Float, Float]:
+def pose_covariances(G_half: Float, half: Float, rvecs: Float, equations: NormalEquations) -> tuple[Float, Float]:
     """Return, for σ = 1, the covariances of each view's (rvec, tvec) with all shared parameters and with itself.
+
+    With V⁻¹ = MᵀM, Z = M Wᵀ, S⁻¹ = C Cᵀ and K = M diag(J, I)ᵀ, J = J_l⁻¹ of the view, these are −G C (Z C)ᵀ K and
+    Kᵀ (I + Z C (Z C)ᵀ) K: products of rows of E = [I, Z C, −Z C (G C)ᵀ]ᵀ K.
 
     Parameters
     ----------
-    G : ndarray of shape (n, F)
-        δ(all shared) = G δz.
+    G_half : ndarray of shape (n, F)
+        G C, with δ(all shared) = G δz.
+    half : ndarray of shape (F, F)
+        C, see :func:`half_of_inverse`.
     rvecs : ndarray of shape (V, 3)
         Rotation vectors of the views.
     equations : NormalEquations
         Undamped.
-    S_inv : ndarray of shape (F, F)
-        See :func:`inverse_of_schur`.
 
     Returns
     -------
     cross : ndarray of shape (V, n, 6)
     views : ndarray of shape (V, 6, 6)
     """
-    count, free = len(equations.V), len(S_inv)
-    V_inv_Wt = schur_complement(equations)[1]
-    Y = V_inv_Wt.reshape(6 * count, free)
-    cross = -(Y @ (S_inv @ G.T)).reshape(count, 6, len(G)).transpose(0, 2, 1)
-    views = equations.V_inverse + (Y @ S_inv).reshape(count, 6, free) @ V_inv_Wt.transpose(0, 2, 1)
-    turn = left_jacobian_inverse(rvecs)
-    cross[:, :, :3] = cross[:, :, :3] @ turn.transpose(0, 2, 1)
-    views[:, :3, :] = turn @ views[:, :3, :]
-    views[:, :, :3] = views[:, :, :3] @ turn.transpose(0, 2, 1)
-    return cross, views
+    if equations.factors is None:
+        M = np.linalg.inv(np.linalg.cholesky(equations.V))
+        Z = M @ equations.W.transpose(0, 2, 1)
+    else:
+        M, Z, _ = equations.factors
+    count, free, n = len(M), len(half), len(G_half)
+    E = np.zeros((count, 6, 6 + free + n))
+    E[:, range(6), range(6)] = 1
+    E[:, :, 6:] = (Z.reshape(6 * count, free) @ np.hstack([half, -half @ G_half.T])).reshape(count, 6, free + n)
+    K = M.copy()
+    K[:, :, :3] = M[:, :, :3] @ left_jacobian_inverse(rvecs).transpose(0, 2, 1)
+    rows = E.transpose(0, 2, 1) @ K
+    own = rows[:, : 6 + free]
+    return rows[:, 6 + free :], own.transpose(0, 2, 1) @ own
 
 
-def inverse_of_schur(equations: NormalEquations) -> Float | None:
-    """Return S⁻¹; None where an unknown or a view has no influence at all.
+def half_of_inverse(equations: NormalEquations) -> Float | None:
+    """Return C with S⁻¹ = C Cᵀ, the inverse of the Schur complement; None where an unknown or a view has no influence.
 
     Where S is not positive definite by Cholesky's method, a direction that the data determine less well than rounding
     allows comes out with the variance that rounding implies, which is large: eigenvalues of S, its rows scaled to a
     unit diagonal, count as at least 1e-16 of the largest.
     """
-    if equations.inverse is None and equations.factors is not None:
-        free = len(equations.U)
-        C_inv = np.linalg.inv(np.tril(equations.factors[2][:free, :free]))
-        equations.inverse = C_inv.T @ C_inv
-    if equations.inverse is not None:
-        return equations.inverse
+    if equations.half is None and equations.factors is not None:
+        equations.half = np.linalg.inv(np.tril(equations.factors[2])).T
+    if equations.half is not None:
+        return equations.half
     try:
         S, _ = schur_complement(equations)
     except np.linalg.LinAlgError:
@@ -155,5 +155,5 @@ def inverse_of_schur(equations: NormalEquations) -> Float | None:
     scale = 1 / np.sqrt(diagonal)
     values, vectors = np.linalg.eigh(S * scale[:, None] * scale)
     half = scale[:, None] * vectors / np.sqrt(np.maximum(values, 1e-16 * values[-1])) if len(values) else S
-    equations.inverse = half @ half.T
-    return equations.inverse
+    equations.half = half
+    return equations.half

@@ -71,6 +71,10 @@ class DistortionModel(ABC):
     def undistort(self, x_d: Float, k: Float) -> Float:
         """Return the ideal points x (N, 2) of distorted ones; NaN where the model has no answer."""
 
+    def distort_compiled(self, x: Float, k: Float) -> Float:
+        """Return the same as `distort`, from a kernel where the model has one (``distortion_inverse_kernels``)."""
+        return self.distort(x, k)
+
     def undistort_compiled(self, x_d: Float, k: Float) -> Float:
         """Return the same as `undistort`, from a kernel where the model has one (``distortion_inverse_kernels``)."""
         return self.undistort(x_d, k)
@@ -106,10 +110,6 @@ class BackwardModel(DistortionModel):
         from stereocal.camera.distortion_inverse import invert_map
 
         return invert_map(lambda x_d: self.undistort_slope(x_d, k), x)
-
-    def distort_compiled(self, x: Float, k: Float) -> Float:
-        """Return the same as `distort`, from a kernel where the model has one (``distortion_inverse_kernels``)."""
-        return self.distort(x, k)
 
     def jacobians(self, x: Float, k: Float) -> tuple[Float, Float, Float]:
         """Return x_d, ∂x_d/∂x = G⁻¹ and ∂x_d/∂k = −G⁻¹ ∂g/∂k."""

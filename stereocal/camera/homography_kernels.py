@@ -2,127 +2,138 @@
 """Homographies of many views at once, compiled: the twin of ``homography.fit_homography``.
 
 Where that takes the singular value decomposition of A (2N × 9), this accumulates AᵀA (9 × 9), which has the same
-vector for the smallest singular value, and finds it by inverse iteration, h ← (AᵀA + εI)⁻¹ h, normalised, until h
-stands still. Each pass shrinks the other directions by the ratio of the two smallest eigenvalues: a few passes for a
-mild lens, dozens where distortion or noise blur the difference.
+vector for the smallest singular value. With X̂ = (X, Y, 1) the rows of A are (X̂, 0, −u X̂) and (0, X̂, −v X̂), so that of
+AᵀA only X̂X̂ᵀ is needed, weighted by 1, −u, −v and u² + v². The vector is the one that N = (AᵀA + εI)⁻¹ enlarges most:
+h ← N h, normalised, until h stands still. Each pass shrinks the other directions by the ratio of the two smallest
+eigenvalues: a few passes for a mild lens, dozens where distortion or noise blur the difference.
 """
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
 
+# A kernel that only other kernels call needs no entrance for Python, which would take as long to compile again.
+INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+SUMS = {"reassoc", "contract", "nsz"}  # sums of products may be regrouped: that is what makes them vectors
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def homographies_kernel(X, y, offsets, H, degenerate):
-    """Fill H (V, 3, 3), scaled to unit norm with H[2, 2] ≥ 0, and flags of views whose points lie on a line.
 
-    X and y are (3, M) and (2, M); view v is columns offsets[v] : offsets[v + 1].
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=SUMS, **INNER)
+def normalize(x, y, to, similarity):
+    """Write (x, y), moved to its centroid and scaled to a mean distance of √2; return whether it is more than a line."""
+    n = len(x)
+    a = b = 0.0
+    for j in range(n):
+        a += x[j]
+        b += y[j]
+    a /= n
+    b /= n
+    spread = xx = xy = yy = 0.0
+    for j in range(n):
+        d = x[j] - a
+        e = y[j] - b
+        xx += d * d
+        xy += d * e
+        yy += e * e
+        spread += math.sqrt(d * d + e * e)
+    spread = math.sqrt(2.0) * n / spread
+    for j in range(n):
+        to[0, j] = (x[j] - a) * spread
+        to[1, j] = (y[j] - b) * spread
+    similarity[0], similarity[1], similarity[2] = a, b, spread
+    # determinant over trace² of the second moments is about (short side / long side)²
+    return xx * yy - xy * xy > 1e-12 * (xx + yy) * (xx + yy)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=SUMS, **INNER)
+def accumulate(C, n, B):
+    """Fill the lower triangle of AᵀA from normalised points, rows X, Y, 1, u, v of C; return its trace."""
+    trace = 0.0
+    for i in range(3):
+        for k in range(i + 1):
+            p, q = C[i], C[k]
+            s0 = s1 = s2 = s3 = 0.0
+            for j in range(n):
+                u, v = C[3, j], C[4, j]
+                product = p[j] * q[j]
+                s0 += product
+                s1 -= product * u
+                s2 -= product * v
+                s3 += product * (u * u + v * v)
+            B[i, k] = B[3 + i, 3 + k] = s0
+            B[3 + i, k] = B[3 + k, i] = 0.0
+            B[6 + i, k] = B[6 + k, i] = s1
+            B[6 + i, 3 + k] = B[6 + k, 3 + i] = s2
+            B[6 + i, 6 + k] = s3
+        trace += 2 * s0 + s3
+    return trace
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, **INNER)
+def smallest(B, h, half, after):
+    """Fill h with the eigenvector of B for its smallest eigenvalue; B, below which there is an identity, is lost."""
+    n = len(h)  # loops of known length would be written out one by one, which takes long to compile
+    for j in range(n):  # Cholesky, B = L Lᵀ; the identity becomes L⁻ᵀ
+        for i in range(j, n + j + 1):
+            total = B[i, j]
+            for k in range(j):
+                total -= B[i, k] * B[j, k]
+            B[i, j] = total / math.sqrt(max(total, 1e-300)) if i == j else total / B[j, j]
+    for _ in range(300):
+        norm = moved = 0.0
+        for j in range(n):
+            half[j] = 0.0
+            for i in range(j + 1):
+                half[j] += B[n + i, j] * h[i]
+        for i in range(n):
+            after[i] = 0.0
+            for j in range(i, n):
+                after[i] += B[n + i, j] * half[j]
+            norm += after[i] * after[i]
+        norm = 1 / math.sqrt(norm)
+        for i in range(n):
+            moved += (after[i] * norm - h[i]) ** 2
+            h[i] = after[i] * norm
+        if moved < 1e-22:
+            break
+
+
+@njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
+def homographies_kernel(data, offsets, H, degenerate, C, B, h, work, similarities):
+    """Fill H (V, 9), scaled to unit norm with a last entry ≥ 0, and flags of views whose points lie on a line.
+
+    `data` has rows X, Y, Z, u, v; view i is its columns offsets[i] : offsets[i + 1]. C (5, points of the largest view), whose third row holds
+    ones, B (18, 9), h (9), work (2, 9) and similarities (2, 3) are scratch.
     """
-    B = np.empty((9, 9))
-    h = np.empty(9)
-    before = np.empty(9)
-    P = np.empty((3, 3))
-    for view in range(len(offsets) - 1):
-        first, last = offsets[view], offsets[view + 1]
-        n = last - first
-        xm, ym, um, vm = 0.0, 0.0, 0.0, 0.0
-        for j in range(first, last):
-            xm += X[0, j]
-            ym += X[1, j]
-            um += y[0, j]
-            vm += y[1, j]
-        xm, ym, um, vm = xm / n, ym / n, um / n, vm / n
-        xx, xy, yy, uu, uv, vv, dx, du = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for j in range(first, last):
-            a, b, c, d = X[0, j] - xm, X[1, j] - ym, y[0, j] - um, y[1, j] - vm
-            xx, xy, yy = xx + a * a, xy + a * b, yy + b * b
-            uu, uv, vv = uu + c * c, uv + c * d, vv + d * d
-            dx += math.sqrt(a * a + b * b)
-            du += math.sqrt(c * c + d * d)
-        # determinant over trace² of the second moments is about (short side / long side)²
-        degenerate[view] = not (
-            xx * yy - xy * xy > 1e-12 * (xx + yy) ** 2 and uu * vv - uv * uv > 1e-12 * (uu + vv) ** 2
-        )
-        if degenerate[view]:
+    a, b = similarities[0], similarities[1]
+    for v in range(len(H)):
+        first = offsets[v]
+        n = offsets[v + 1] - first
+        degenerate[v] = False
+        for side in range(len(similarities)):
+            x, y = data[3 * side, first : first + n], data[3 * side + 1, first : first + n]
+            if not normalize(x, y, C[3 * side :], similarities[side]):
+                degenerate[v] = True
+        if degenerate[v]:
             continue
-        a_scale, b_scale = math.sqrt(2.0) * n / dx, math.sqrt(2.0) * n / du
-        for i in range(9):
-            for k in range(9):
-                B[i, k] = 0.0
-        for j in range(first, last):
-            a, b = (X[0, j] - xm) * a_scale, (X[1, j] - ym) * a_scale
-            u, v = (y[0, j] - um) * b_scale, (y[1, j] - vm) * b_scale
-            # rows (X̂, 0, −u X̂) and (0, X̂, −v X̂): only six products of X̂ X̂ᵀ, times 1, −u, −v and u² + v²
-            r = u * u + v * v
-            for i in range(6):
-                p = a * a if i == 0 else a * b if i == 1 else a if i == 2 else b * b if i == 3 else b if i == 4 else 1.0
-                row = 0 if i < 3 else 1 if i < 5 else 2
-                column = i if i < 3 else i - 2 if i < 5 else 2
-                B[column, row] += p
-                B[6 + column, row] -= u * p
-                B[6 + column, 3 + row] -= v * p
-                B[6 + column, 6 + row] += r * p
-        for i in range(3):  # the other triangle of each 3×3 block, and the second diagonal block
-            for k in range(i + 1):
-                B[3 + i, 3 + k] = B[i, k]
-                B[6 + k, i] = B[6 + i, k]
-                B[6 + k, 3 + i] = B[6 + i, 3 + k]
-        trace = 0.0
-        for i in range(9):
-            trace += B[i, i]
-        for i in range(9):
+        trace = accumulate(C, n, B)
+        for i in range(len(h)):
+            for j in range(len(h)):
+                B[9 + i, j] = 0.0
+            B[9 + i, i] = 1.0
             B[i, i] += 1e-14 * trace
-        for k in range(9):  # Cholesky
-            s = B[k, k]
-            for i in range(k):
-                s -= B[k, i] * B[k, i]
-            s = math.sqrt(max(s, 1e-300))
-            B[k, k] = s
-            for i in range(k + 1, 9):
-                t = B[i, k]
-                for e in range(k):
-                    t -= B[i, e] * B[k, e]
-                B[i, k] = t / s
-        for i in range(9):
-            h[i] = 1.0 if i == 0 or i == 4 or i == 8 else 0.1
-        for _ in range(300):
-            for i in range(9):
-                before[i] = h[i]
-            for i in range(9):
-                t = h[i]
-                for k in range(i):
-                    t -= B[i, k] * h[k]
-                h[i] = t / B[i, i]
-            for i in range(8, -1, -1):
-                t = h[i]
-                for k in range(i + 1, 9):
-                    t -= B[k, i] * h[k]
-                h[i] = t / B[i, i]
-            norm = 0.0
-            for i in range(9):
-                norm += h[i] * h[i]
-            norm = math.sqrt(norm)
-            moved = 0.0
-            for i in range(9):
-                h[i] /= norm
-                moved += (h[i] - before[i]) ** 2
-            if moved < 1e-22:
-                break
-        # undo the two similarities: H = Tb⁻¹ h Ta
-        for i in range(3):
-            P[i, 0] = h[3 * i] * a_scale
-            P[i, 1] = h[3 * i + 1] * a_scale
-            P[i, 2] = h[3 * i + 2] - P[i, 0] * xm - P[i, 1] * ym
+            h[i] = 1.0 if i % 4 == 0 else 0.1
+        smallest(B, h, work[0], work[1])
         norm = 0.0
-        for k in range(3):
-            H[view, 0, k] = P[0, k] / b_scale + um * P[2, k]
-            H[view, 1, k] = P[1, k] / b_scale + vm * P[2, k]
-            H[view, 2, k] = P[2, k]
-            norm += H[view, 0, k] ** 2 + H[view, 1, k] ** 2 + H[view, 2, k] ** 2
-        norm = math.sqrt(norm) if H[view, 2, 2] >= 0 else -math.sqrt(norm)
-        for i in range(3):
-            for k in range(3):
-                H[view, i, k] /= norm
+        for i in range(0, len(h), 3):  # undo the two similarities
+            h[i] *= a[2]
+            h[i + 1] *= a[2]
+            h[i + 2] -= h[i] * a[0] + h[i + 1] * a[1]
+        for i in range(len(h)):
+            if i < 6:
+                h[i] = h[i] / b[2] + b[i // 3] * h[6 + i % 3]
+            norm += h[i] * h[i]
+        norm = math.copysign(math.sqrt(norm), h[8])
+        for i in range(len(h)):
+            H[v, i] = h[i] / norm

@@ -1,26 +1,19 @@
-"""Where the iteration starts: candidates for the camera matrix, the poses that go with them, and the first lens.
+"""Where the iteration starts, and how an optimum is known to be the lowest.
 
-Each candidate K is judged by what it is for: the poses are taken from the homographies (``seen_boards``), the corners
-are projected by an ideal lens, and the candidate with the least distance to the measured corners goes first.
-Candidates are
+Candidates for the camera matrix, the poses that go with them and the first lens come from ``camera_starts`` and
+``lens_starts``; the search only has to come within the basin of Levenberg–Marquardt. They are taken in the order
 
-1. Zhang's closed form without skew;
-2. Zhang's closed form with the principal point at the middle of the image, fx and fy free;
-3. a focal-length search: fx = fy = 0.25 … 8 image widths, in steps of 2^¼, principal point in the middle: all
-   local minima;
-4. the best of these, its lens k1, k2 fitted with the principal point held, before everything is let go;
-5. the same focal length with the principal point away from the middle, towards each corner of the image.
-
-The first is right for good views of a mild lens. Noise, small tilts and strong distortion throw it off (B is not
-positive definite, or the principal point lands outside of the image) and the others stand in: a fixed focal length
-cannot fail, and the search only has to come within the basin of Levenberg–Marquardt.
+1. Zhang's closed forms;
+2. the focal lengths at which an ideal lens fits best;
+3. the best of these, its lens k1, k2 fitted with the principal point held, before everything is let go;
+4. the focal lengths at which a lens k1, k2 and boards free to reverse their tilt fit best;
+5. the best focal length of 2 with the principal point away from the middle, towards each corner of the image.
 
 One basin is not always enough. A long lens seen at moderate tilts leaves the principal point open, which p1 and p2
 can trade for a turn of every board, and F then has several minima. So the optimum reached is looked at: if it took
 many steps, if the principal point is uncertain by more than 1 % of the image, or if it is no plausible camera, the
 other starts are tried too and the lowest F wins.
-Then, and where one view fits much worse than the others, each board is tilted the other way: far off, a board and its
-mirror image in tilt look almost the same (Necker's reversal), and a pose that began on the wrong side stays there.
+Then, and where one view fits much worse than the others, each board is tilted the other way (``pose_reversal``).
 
 Of many views a few, spread over all, give the camera as well as the iteration needs it, at a fraction of the cost: it
 is found from those first, and what remains for everything together are a few steps.
@@ -33,21 +26,30 @@ nothing to first order, is held there and the rest goes on (a field-of-view lens
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain
 
 import numpy as np
 
-from stereocal.base.checks import Float
-from stereocal.base.errors import ConvergenceError, DegenerateGeometryError, StereocalError
-from stereocal.camera.bundle import Bundle, BundleState, normal_equations, residuals
+from stereocal.base.errors import ConvergenceError, StereocalError
+from stereocal.camera.bundle import Bundle, BundleState, normal_equations
 from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
-from stereocal.camera.covariance import inverse_of_schur
+from stereocal.camera.camera_starts import Start, closed_form_starts, focal_search, lens_search, plausible
+from stereocal.camera.covariance import half_of_inverse
 from stereocal.camera.distortion_base import DistortionModel
-from stereocal.camera.lens_starts import SMALLER, staged_start, start_from_smaller, start_without_prism, state_of
+from stereocal.camera.kink_starts import kink_starts
+from stereocal.camera.lens_starts import (
+    SMALLER,
+    staged_start,
+    start_from_smaller,
+    start_without_prism,
+    state_of,
+    with_lens,
+)
+from stereocal.camera.pose_reversal import solve_with_reversals
 from stereocal.camera.seen_boards import SeenBoards, seen_boards
-from stereocal.camera.zhang import zhang_intrinsics
 
 # Models that OpenCV has, whose lens may start from zero; the others start from a fit with k1, k2.
 _DIRECT_START = ("pinhole", "polynomial", "brown", "rational", "thin_prism", "tilted")
@@ -65,57 +67,6 @@ _MANY_VIEWS, _FEW_VIEWS = 200, 40
 _TRIAL_STEPS = 200
 _NEAR = 2e-3
 _POLISHED = 3
-
-
-@dataclass
-class Start:
-    """A start: K and the poses of the views, and, where starts are to be compared, the error of an ideal lens."""
-
-    K: Float
-    R: Float
-    t: Float
-    error: float
-
-
-def start_from(K: Float, boards: SeenBoards) -> Start:
-    """Return the start with a given K and poses from the homographies, and its error (infinite behind the camera)."""
-    R, t = boards.poses(K)
-    bundle = boards.bundle
-    block = np.repeat(np.arange(len(t)), np.diff(bundle.offsets))
-    P = np.matmul(K, np.concatenate([R[:, :, :2], t[:, :, None]], axis=2))[block]
-    X, Y = bundle.points[:, :1], bundle.points[:, 1:2]
-    h = P[:, :, 0] * X + P[:, :, 1] * Y + P[:, :, 2]
-    if h[:, 2].min() <= 0:
-        return Start(K, R, t, np.inf)
-    d = h[:, :2] / h[:, 2:] - bundle.measured
-    return Start(K, R, t, float(np.sqrt(np.vdot(d, d) / len(d))))
-
-
-def closed_form_starts(boards: SeenBoards, image_size: tuple[int, int], aspect_ratio: float | None) -> Iterator[Start]:
-    """Yield the starts that Zhang's closed forms give, where they have a plausible answer."""
-    width, height = image_size
-    for options in ({"skew": False}, {"principal_point": np.array([(width - 1) / 2, (height - 1) / 2])}):
-        try:
-            K = zhang_intrinsics(boards.H, **options)
-        except DegenerateGeometryError:
-            continue  # this closed form has no answer here; the next candidate stands in
-        if plausible(K[0, 0], K[1, 1], K[0, 2], K[1, 2], image_size):
-            if aspect_ratio is not None:
-                K[0, 0] = aspect_ratio * K[1, 1]
-            yield Start(K, *boards.poses(K), np.nan)
-
-
-def focal_search(boards: SeenBoards, image_size: tuple[int, int], aspect_ratio: float | None) -> list[Start]:
-    """Return the starts with fx = 0.25 … 8 widths that are local minima of the error, best first."""
-    width, height = image_size
-    a = aspect_ratio or 1.0
-    starts = []
-    for f in width * 2.0 ** np.arange(-2, 3.01, 0.25):
-        K = np.array([[f, 0, (width - 1) / 2], [0, f / a, (height - 1) / 2], [0, 0, 1.0]])
-        starts.append(start_from(K, boards))
-    errors = np.array([np.inf, *(start.error for start in starts), np.inf])
-    least = [i for i in range(len(starts)) if errors[i + 1] <= min(errors[i], errors[i + 2]) and errors[i + 1] < np.inf]
-    return sorted((starts[i] for i in least), key=lambda start: start.error)
 
 
 def solve_from_starts(
@@ -168,16 +119,14 @@ def solve_from_starts(
             break
     if best is None:
         best = _polished(bundle, tried, max_iterations, backend)
-    for _ in range(_REVERSALS):
-        if best is None or not np.isfinite(best.cost):
-            break
-        turned = _with_reversed_poses(bundle, best, backend)
-        if turned is None:
-            break
-        solution = solve_bundle(bundle, turned, max_iterations=max_iterations, backend=backend)
-        if not solution.cost < best.cost:
-            break
-        best = solution
+        if best is not None and lens.name in SMALLER and max_iterations > _TRIAL_STEPS:
+            tried = [
+                solve_bundle(bundle, state, max_iterations=_TRIAL_STEPS, backend=backend)
+                for state in kink_starts(bundle, best.state)
+            ]
+            best = _polished(bundle, [best, *tried], max_iterations, backend)
+    if best is not None and np.isfinite(best.cost):
+        best = solve_with_reversals(bundle, best, backend, rounds=_REVERSALS, steps=max_iterations)
     if best is None or not np.isfinite(best.cost):
         raise ConvergenceError(
             "no start leads to a camera: check that corners and board points are in the same order, and the number of "
@@ -223,7 +172,7 @@ def _polished(bundle: Bundle, tried: list[BundleSolution], max_iterations: int, 
     for solution in near[:_POLISHED]:
         left = max_iterations - solution.iterations
         if solution.reason == "iterations" and left > 0:
-            further = solve_bundle(bundle, solution.state, max_iterations=left, backend=backend)
+            further = solve_bundle(bundle, solution.state, max_iterations=left, backend=backend, in_valley=True)
             solution = replace(further, iterations=solution.iterations + further.iterations)
         done.append(solution)
     return min(done, key=lambda solution: solution.cost, default=None)
@@ -241,34 +190,6 @@ def _held_where_stuck(
     further = solve_bundle(part, solution.state, max_iterations=max_iterations, backend=backend)
     equations = normal_equations(bundle, further.state)
     return replace(further, equations=equations, iterations=solution.iterations + further.iterations)
-
-
-def _with_reversed_poses(bundle: Bundle, solution: BundleSolution, backend: str) -> BundleState | None:
-    """The state with every board tilted the other way where that fits better; None where none does.
-
-    R → Rot(d, π) R Rot(z, π), d the line of sight to the board's middle, mirrors the tilt and keeps the rest.
-    """
-    state = solution.state
-    counts = np.diff(bundle.offsets)
-    middle = np.add.reduceat(bundle.points, bundle.offsets[:-1]) / counts[:, None]
-    centre = np.einsum("vij,vj->vi", state.R_views, middle) + state.t_views
-    d = centre / np.linalg.norm(centre, axis=1, keepdims=True)
-    half_turn = 2 * d[:, :, None] * d[:, None, :] - np.eye(3)
-    R = half_turn @ state.R_views @ np.diag([-1.0, -1.0, 1.0])
-    t = centre - np.einsum("vij,vj->vi", R, middle)
-    poses_only = replace(bundle, G=np.zeros((len(bundle.G), 0)))
-    other = solve_bundle(poses_only, replace(state, R_views=R, t_views=t), max_iterations=60, backend=backend).state
-    cost_here, cost_there = (
-        np.add.reduceat(np.sum(residuals(bundle, s) ** 2, axis=1), bundle.offsets[:-1]) for s in (state, other)
-    )
-    better = cost_there < cost_here * (1 - 1e-9)
-    if not better.any():
-        return None
-    return replace(
-        state,
-        R_views=np.where(better[:, None, None], other.R_views, state.R_views),
-        t_views=np.where(better[:, None], other.t_views, state.t_views),
-    )
 
 
 def _starting_states(
@@ -310,23 +231,15 @@ def _starting_states(
         yield begin(start)
     for start in found[:1]:
         yield staged(start, hold_centre=True)
+    if lens.name not in SMALLER:
+        for state in lens_search(boards, image_size, aspect_ratio, backend):
+            yield with_lens(bundle, state, lens, held)
     if direct and lens.name not in SMALLER and not {"cx", "cy"} & held:
         for start in found[:1]:
             for x, y in ((-1, -1), (1, -1), (-1, 1), (1, 1)):
                 K = start.K.copy()
                 K[:2, 2] = middle[0] + x * _AWAY * image_size[0], middle[1] + y * _AWAY * image_size[1]
                 yield begin(Start(K, *boards.poses(K), np.nan))
-
-
-def plausible(fx: float, fy: float, cx: float, cy: float, image_size: tuple[int, int], margin: float = 0.25) -> bool:
-    """Whether a camera could be like that: focal length 0.1 to 30 widths, pixels not oblong, centre not far outside."""
-    width, height = image_size
-    return bool(
-        0.1 * width < fx < 30 * width
-        and 0.4 < fx / fy < 2.5
-        and -margin * width < cx < (1 + margin) * width
-        and -margin * height < cy < (1 + margin) * height
-    )
 
 
 def _has_outlying_view(bundle: Bundle, solution: BundleSolution) -> bool:
@@ -345,9 +258,8 @@ def _beyond_doubt(bundle: Bundle, solution: BundleSolution, image_size: tuple[in
     freedom = 2 * len(bundle.points) - bundle.G.shape[1] - 6 * bundle.view_count
     if freedom <= 0 or not bundle.G.shape[1]:
         return True
-    inverse = inverse_of_schur(solution.equations)
-    if inverse is None:
+    half = half_of_inverse(solution.equations)
+    if half is None:
         return False  # something is not determined at all: another start may do better
-    variances = np.diag(inverse)
-    centre = np.einsum("if,f,if->i", bundle.G[2:4], variances, bundle.G[2:4]) * solution.cost / freedom
-    return bool(np.sqrt(centre.max()) < _UNSURE * max(image_size))
+    variance = max(float(row @ row) for row in bundle.G[2:4] @ half) * solution.cost / freedom
+    return math.sqrt(variance) < _UNSURE * max(image_size)

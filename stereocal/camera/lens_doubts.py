@@ -77,7 +77,7 @@ def lens_doubts(
         )
     if model.parameter_count >= _MANY_COEFFICIENTS:
         if "k6" in model.parameter_names:
-            radius = kink_radius(state.intrinsics[camera][5:], float(_squared_radii(bundle, state, camera).max()))
+            radius = kink_radius(state.intrinsics[camera][5:], float(squared_radii(bundle, state, camera).max()))
             if radius is not None:
                 found.append(
                     f"the lens curve has a kink at r = {radius:.2g} of the normalised plane, where a pole of it is "
@@ -114,8 +114,8 @@ def kink_radius(k: Float, s_max: float) -> float | None:
     return float(np.sqrt(nearest[i])) if distance[i] < _NEAR_POLE * s_max else None
 
 
-def _squared_radii(bundle: Bundle, state: BundleState, camera: int) -> Float:
-    """r² of a camera's corners on the normalised plane."""
+def squared_radii(bundle: Bundle, state: BundleState, camera: int) -> Float:
+    """Return r² of a camera's corners on the normalised plane, (m,)."""
     rows, blocks = bundle.rows_of_camera(camera)
     view = np.repeat(bundle.view_of_block[blocks], np.diff(bundle.offsets)[blocks])
     X_0 = np.einsum("nij,nj->ni", state.R_views[view], bundle.points[rows]) + state.t_views[view]

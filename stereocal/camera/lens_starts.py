@@ -72,14 +72,52 @@ def staged_start(
     -------
     BundleState
     """
-    simple = Polynomial()
     hold = {"skew"} | (held & {"cx", "cy", "fx", "fy"}) | ({"cx", "cy"} if hold_centre else set())
-    tied = replace(bundle, models=[simple], G=free_columns(intrinsic_names(simple), hold, None), prior_weights=None,
-                   shape_basis=None)  # fmt: skip
-    first = solve_bundle(tied, state_of(*camera, np.zeros(2)), max_iterations=50, backend=backend)
+    start = state_of(*camera, np.zeros(2))
+    first = solve_bundle(with_polynomial(bundle, hold), start, max_iterations=50, backend=backend)
     if not np.isfinite(first.cost):
         return state_of(*camera, first_lens(lens, held))
-    theta, state = first.state.intrinsics[0], first.state
+    return with_lens(bundle, first.state, lens, held)
+
+
+def with_polynomial(bundle: Bundle, held: Collection[str]) -> Bundle:
+    """Return the bundle of one camera with the lens k1, k2 in place of its own.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        Of one camera.
+    held : collection of str
+        Names of parameters that are held.
+
+    Returns
+    -------
+    Bundle
+    """
+    simple = Polynomial()
+    G = free_columns(intrinsic_names(simple), set(held), None)
+    return replace(bundle, models=[simple], G=G, prior_weights=None, shape_basis=None)
+
+
+def with_lens(bundle: Bundle, state: BundleState, lens: DistortionModel, held: set[str]) -> BundleState:
+    """Return a state with the lens k1, k2 as one of another lens that draws the corners in the same places.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        Of one camera.
+    state : BundleState
+        With the lens k1, k2.
+    lens : DistortionModel
+        The model to go over to.
+    held : set of str
+        Names of parameters that are held.
+
+    Returns
+    -------
+    BundleState
+    """
+    theta = state.intrinsics[0]
     view = np.repeat(bundle.view_of_block, np.diff(bundle.offsets))
     X_c = np.einsum("nij,nj->ni", state.R_views[view], bundle.points) + state.t_views[view]
     k, scale = convert_lens(lens, theta[5:], X_c[:, :2] / X_c[:, 2:], held)

@@ -47,8 +47,12 @@ class SeenBoards:
     def poses(self, K: Float) -> tuple[Float, Float]:
         """Return R (V, 3, 3) and t (V, 3) of the boards before a camera K, every corner in front of it."""
         R, t = poses_of_homographies(K, self.H)
-        t -= _times(R, self.middle)
         offsets, X = self.bundle.offsets, self.bundle.points
+        size = np.ptp(self.bundle.by_axes[:2], axis=1)  # no corner is further from the middle, nor nearer by more
+        sure = bool((t[:, 2] > np.abs(R[:, 2, :2]) @ size).all())
+        t -= _times(R, self.middle)
+        if sure:
+            return R, t
         view = np.repeat(np.arange(len(t)), np.diff(offsets))
         depth = R[view, 2, 0] * X[:, 0] + R[view, 2, 1] * X[:, 1] + t[view, 2]
         behind = np.minimum.reduceat(depth, offsets[:-1]) <= 0
@@ -91,7 +95,9 @@ def seen_boards(bundle: Bundle, *, backend: str = "numba") -> SeenBoards:
     if backend == "numba":
         from stereocal.camera.homography_kernels import homographies_kernel
 
-        homographies_kernel(*bundle.by_axes, bundle.offsets, H, bad)
+        widest = int(np.diff(bundle.offsets).max())
+        scratch = np.ones((5, widest)), np.empty((18, 9)), np.empty(9), np.empty((2, 9)), np.empty((2, 3))
+        homographies_kernel(bundle.by_axes, bundle.offsets, H.reshape(count, 9), bad, *scratch)
     else:
         for i in range(count):
             rows = slice(bundle.offsets[i], bundle.offsets[i + 1])
@@ -104,6 +110,6 @@ def seen_boards(bundle: Bundle, *, backend: str = "numba") -> SeenBoards:
             f"the points of view {', '.join(map(str, bundle.view_of_block[bad]))} lie on one line, in the board or in "
             "the image, which fixes no pose; leave these views out, or photograph the board less edge-on"
         )
-    middle = np.add.reduceat(bundle.points[:, :2], bundle.offsets[:-1]) / np.diff(bundle.offsets)[:, None]
+    middle = (np.add.reduceat(bundle.by_axes[:2], bundle.offsets[:-1], axis=1) / np.diff(bundle.offsets)).T
     H[:, :, 2] += _times(H, middle)
     return SeenBoards(H, middle, bundle)

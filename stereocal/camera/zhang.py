@@ -186,7 +186,7 @@ def _stack(homographies: Sequence[ArrayLike] | ArrayLike) -> Float:
     if H.ndim == 2:
         H = H[None]
     H = as_array(H, (None, 3, 3), "homographies")
-    return H / np.sqrt(np.einsum("vij,vij->v", H, H))[:, None, None]
+    return np.asarray(H / np.linalg.norm(H.reshape(-1, 9), axis=1)[:, None, None])
 
 
 def _image_normalization(H: Float, centre: Float | None) -> Float:

@@ -16,7 +16,8 @@ import stereocal as sc
 from stereocal.base.rotations import rotation_matrix
 from stereocal.camera.bundle import BundleState
 from stereocal.camera.bundle_problem import intrinsics_of, make_bundle
-from stereocal.camera.bundle_solver import CompiledEngine, NumpyEngine
+from stereocal.camera.bundle_compiled import CompiledEngine
+from stereocal.camera.bundle_solver import NumpyEngine
 from stereocal.camera.distortion import MODELS
 from stereocal.camera.parameters import intrinsic_names
 
