@@ -10,6 +10,7 @@
 ``semiglobal``                matching with a smoothness term along many paths
 ``winner``                    from costs to disparities, and which of them to believe
 ``speckles``                  small islands of the disparity map are removed
+``islands``                   islands that are too small, or have no texture to be matched by
 ``postprocessing``            weighted median, hole filling, confidence
 ``triangulation``             a point in space from its two images
 ``depth``                     from disparity to depth and points, and how far to trust them

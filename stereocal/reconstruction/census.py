@@ -11,6 +11,8 @@ leaves the code as it is. The threshold t is R. Spangenberg's idea (2013), here 
 blank wall are tossed by the camera's noise.
 
 A 5x5 window gives 24 bits. Bit b belongs to the b-th neighbour, the window read row by row, the centre left out.
+A wider window sees more of the pattern, and neighbours side by side say much the same: a *sparse* code takes every
+other one, as the black squares of a chessboard. Of a 9x5 window that leaves 22 bits.
 Beyond the image its outermost pixels are repeated.
 
 :func:`match_census` takes, for each pixel, the disparity at which the sum of the Hamming distances over a block is
@@ -36,7 +38,12 @@ PIXELS_AT_A_TIME = 64
 
 
 def census_transform(
-    image: ArrayLike, *, window: tuple[int, int] = (5, 5), threshold: int = 0, backend: str = "numba"
+    image: ArrayLike,
+    *,
+    window: tuple[int, int] = (5, 5),
+    threshold: int = 0,
+    sparse: bool = False,
+    backend: str = "numba",
 ) -> Codes:
     """Return the census code of every pixel, bit b = [I(q_b) < I(p) − t].
 
@@ -48,6 +55,8 @@ def census_transform(
         Width and height of the window, odd; at most 65 pixels, for the code has 64 bits.
     threshold : int
         t, grey levels: a neighbour counts as darker if it is so by more than this.
+    sparse : bool
+        Whether every other neighbour is left out, as the white squares of a chessboard with a black centre.
     backend : {"numba", "numpy"}
         The kernel, or the readable reference.
 
@@ -73,13 +82,13 @@ def census_transform(
     gray = to_gray(as_image(image, channels=(1, 3, 4)))
     if gray.dtype != np.uint8:
         raise InputError(f"image must be uint8 (0 to 255), not {gray.dtype}; scale it to 8 bits first")
-    radii = _radii(window)
+    places = neighbours(window, sparse)
     threshold = require_integer(threshold, "threshold", minimum=0, maximum=255)
     if runs_compiled(backend):
-        planes = census_planes(gray, window=window, threshold=threshold)[:, :, : gray.shape[1]]
+        planes = census_planes(gray, places, threshold)[:, :, : gray.shape[1]]
         shifts = np.arange(len(planes), dtype=np.uint64)[:, None, None] * np.uint64(8)
         return np.asarray(np.bitwise_or.reduce(planes.astype(np.uint64) << shifts, axis=0), np.uint64)
-    return _census_reference(gray, radii, threshold)
+    return _census_reference(gray, places, threshold)
 
 
 def runs_compiled(backend: str) -> bool:
@@ -94,30 +103,36 @@ def runs_compiled(backend: str) -> bool:
     return not config.DISABLE_JIT
 
 
-def _census_reference(gray: NDArray[np.uint8], radii: tuple[int, int], threshold: int) -> Codes:
+def neighbours(window: tuple[int, int], sparse: bool = False) -> list[tuple[int, int]]:
+    """Return the places (v, u), relative to the centre, of the neighbours that a code compares, row by row."""
+    rx, ry = _radii(window)
+    places = [(v, u) for v in range(-ry, ry + 1) for u in range(-rx, rx + 1) if (v, u) != (0, 0)]
+    return [(v, u) for v, u in places if (v + u) % 2 == 0] if sparse else places
+
+
+def _census_reference(gray: NDArray[np.uint8], places: list[tuple[int, int]], threshold: int) -> Codes:
     """One comparison of the whole image for each neighbour."""
-    rx, ry = radii
     height, width = gray.shape
     centre = gray.astype(np.int64)
-    padded = np.pad(centre, ((ry, ry), (rx, rx)), mode="edge")
+    margin = max((max(abs(v), abs(u)) for v, u in places), default=0)
+    padded = np.pad(centre, margin, mode="edge")
     codes = np.zeros(gray.shape, np.uint64)
-    neighbours = [(dy, dx) for dy in range(-ry, ry + 1) for dx in range(-rx, rx + 1) if (dy, dx) != (0, 0)]
-    for bit, (dy, dx) in enumerate(neighbours):
-        neighbour = padded[ry + dy : ry + dy + height, rx + dx : rx + dx + width]
+    for bit, (v, u) in enumerate(places):
+        neighbour = padded[margin + v : margin + v + height, margin + u : margin + u + width]
         codes |= (neighbour < centre - threshold).astype(np.uint64) << np.uint64(bit)
     return codes
 
 
 def census_planes(
-    gray: NDArray[np.uint8], *, window: tuple[int, int], threshold: int, flipped: bool = False
+    gray: NDArray[np.uint8], places: list[tuple[int, int]], threshold: int, *, flipped: bool = False
 ) -> NDArray[np.uint8]:
     """Return the census codes as bytes, (⌈bits / 8⌉, H, W + padding), lowest first: what the kernels compare.
 
     Parameters
     ----------
     gray : ndarray of shape (H, W), uint8
-    window : (int, int)
-        Width and height.
+    places : list of (int, int)
+        The neighbours, see :func:`neighbours`.
     threshold : int
         t.
     flipped : bool
@@ -126,12 +141,25 @@ def census_planes(
     from stereocal.reconstruction import matching_costs_kernels as kernels
     from stereocal.reconstruction.vector_primitives import lanes_of
 
-    rx, ry = _radii(window)
     height, width = gray.shape
-    padded = np.pad(gray, ((ry, ry), (rx, rx + -width % PIXELS_AT_A_TIME)), mode="edge")
-    planes = np.empty((-(-(window[0] * window[1] - 1) // 8), height, padded.shape[1] - 2 * rx), np.uint8)
-    kernels.census_planes(padded, threshold, ry, rx, flipped, lanes_of(PIXELS_AT_A_TIME), PIXELS_AT_A_TIME, planes)
+    (ry, rx) = (max(abs(place[axis]) for place in places) for axis in (0, 1))
+    padded = _with_margin(gray, ry, rx, -width % PIXELS_AT_A_TIME)
+    offsets = np.array([v * padded.shape[1] + (-u if flipped else u) for v, u in places])
+    planes = np.empty((-(-len(places) // 8), height, padded.shape[1] - 2 * rx), np.uint8)
+    kernels.census_planes(padded, threshold, ry, rx, offsets, lanes_of(PIXELS_AT_A_TIME), PIXELS_AT_A_TIME, planes)
     return planes
+
+
+def _with_margin(gray: NDArray[np.uint8], ry: int, rx: int, more: int) -> NDArray[np.uint8]:
+    """``np.pad(gray, ((ry, ry), (rx, rx + more)), mode="edge")``, which is slow on small images."""
+    height, width = gray.shape
+    padded = np.empty((height + 2 * ry, width + 2 * rx + more), np.uint8)
+    padded[ry : ry + height, rx : rx + width] = gray
+    padded[ry : ry + height, :rx] = gray[:, :1]
+    padded[ry : ry + height, rx + width :] = gray[:, -1:]
+    padded[:ry] = padded[ry]
+    padded[ry + height :] = padded[ry + height - 1]
+    return padded
 
 
 def match_census(
@@ -205,7 +233,7 @@ def match_census(
     left_gray, right_gray = as_gray_pair(left, right)
     _radii(window)
     search = Search.checked(num_disparities, min_disparity, subpixel, left_right_check, uniqueness_ratio)
-    recipe = PixelCost(1, 0, False, (int(window[0]), int(window[1])))
+    recipe = PixelCost(True, 0, False, (int(window[0]), int(window[1])), sparse=False, threshold=1)
     block_size = require_integer(block_size, "block_size", minimum=1, odd=True)
     require_block_fits(block_size, recipe)
     if not runs_compiled(backend):

@@ -4,8 +4,10 @@ A matcher looks for disparities at which the two images look alike. What "alike"
 for each pixel (x, y) of the left image and each candidate d, the pixel (x − d, y) of the right one:
 
 ``"census"``
-    The number of bits in which the two census codes differ (:mod:`stereocal.reconstruction.census`): how many of the 24
-    neighbours have changed sides, darker than the centre or not. Blind to exposure and gain, good at edges.
+    The number of bits in which the two census codes differ (:mod:`stereocal.reconstruction.census`): how many of 22
+    neighbours, every other one of a 9x5 window, have changed sides, darker than the centre or not. Blind to exposure
+    and gain, good at edges; and wider than it is high, because rows that are off by a part of a pixel are the fault of
+    all rectified pairs.
 ``"bt"``
     The difference of the grey values after Birchfield and Tomasi (1998), who ask how far I_L(x) is from the values that
     the right image takes within half a pixel of x − d, and the reverse, and take the smaller:
@@ -16,7 +18,7 @@ for each pixel (x, y) of the left image and each candidate d, the pixel (x − d
 ``"sad"``
     The plain difference |I_L(x) − I_R(x − d)|.
 ``"census+bt"``
-    Twice the first and the second up to 8 grey levels (after X. Mei et al., 2011, who blend census with absolute
+    The first and the second up to 5 grey levels, added (after X. Mei et al., 2011, who blend census with absolute
     differences). Where there is no texture the census bits are noise, while equal grey values are still a sign.
 
 Differences of grey values are cut off at a cap, so that a highlight seen by one camera does not outvote the rest.
@@ -43,15 +45,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocal.base.errors import InputError
-from stereocal.reconstruction.census import PIXELS_AT_A_TIME, census_planes, census_transform
+from stereocal.reconstruction.census import PIXELS_AT_A_TIME, census_planes, census_transform, neighbours
 
 Gray = NDArray[np.uint8]
 
 COST_MAX = 64
 """The greatest scaled cost."""
 
-NOISE = 1
-"""A neighbour counts as darker if it is so by more than this many grey levels."""
+TILE_CELLS = 2**14
+"""How many cells of a row, pixels times disparities, are computed before the next row: what stays in the cache."""
 
 COSTS = ("census+bt", "census", "bt", "sad")
 
@@ -62,30 +64,36 @@ class PixelCost:
 
     Attributes
     ----------
-    census_weight : int
-        How often a differing bit of the census code counts; 0 leaves it out.
+    census : bool
+        Whether the differing bits of the census codes count.
     cap : int
         The largest difference of grey values that counts; 0 leaves them out.
     half_pixel : bool
         Whether the difference is Birchfield and Tomasi's or the plain one.
     window : (int, int)
         The census window, (width, height).
+    sparse : bool
+        Whether the code leaves out every other neighbour.
+    threshold : int
+        A neighbour counts as darker if it is so by more than this many grey levels.
     """
 
-    census_weight: int
+    census: bool
     cap: int
     half_pixel: bool
-    window: tuple[int, int] = (5, 5)
+    window: tuple[int, int] = (9, 5)
+    sparse: bool = True
+    threshold: int = 0
 
     @property
     def bits(self) -> int:
         """The length of the census code."""
-        return self.window[0] * self.window[1] - 1
+        return len(neighbours(self.window, self.sparse))
 
     @property
     def greatest(self) -> int:
         """c_max, the greatest cost of a pixel."""
-        return self.census_weight * self.bits + self.cap
+        return self.census * self.bits + self.cap
 
     @property
     def outside(self) -> int:
@@ -102,10 +110,10 @@ class PixelCost:
 
 
 RECIPES = {
-    "census": PixelCost(1, 0, False),
-    "bt": PixelCost(0, 40, True),
-    "sad": PixelCost(0, 40, False),
-    "census+bt": PixelCost(2, 8, True),
+    "census": PixelCost(True, 0, False),
+    "bt": PixelCost(False, 40, True),
+    "sad": PixelCost(False, 40, False),
+    "census+bt": PixelCost(True, 5, True),
 }
 
 
@@ -146,7 +154,10 @@ def cost_volume(
     ndarray of shape (H, W, num_disparities), int64
     """
     height, width = left.shape
-    codes = [census_transform(image, window=recipe.window, threshold=NOISE, backend="numpy") for image in (left, right)]
+    codes = [
+        census_transform(image, window=recipe.window, sparse=recipe.sparse, threshold=recipe.threshold, backend="numpy")
+        for image in (left, right)
+    ]
     l_level, r_level = _levels(left, recipe.half_pixel), _levels(right, recipe.half_pixel)
     volume = np.full((height, width, num_disparities), recipe.outside, np.int64)
     for i in range(num_disparities):
@@ -154,7 +165,7 @@ def cost_volume(
         here, there = slice(max(d, 0), max(width + min(d, 0), 0)), slice(max(-d, 0), max(width - max(d, 0), 0))
         if abs(d) >= width:
             continue
-        cost = recipe.census_weight * np.bitwise_count(codes[0][:, here] ^ codes[1][:, there]).astype(np.int64)
+        cost = recipe.census * np.bitwise_count(codes[0][:, here] ^ codes[1][:, there]).astype(np.int64)
         if recipe.cap:
             (value, low, high), (r_value, r_low, r_high) = l_level[:, :, here], r_level[:, :, there]
             to_right = np.maximum(np.maximum(value - r_high, r_low - value), 0)
@@ -226,8 +237,8 @@ def _planes(image: Gray, recipe: PixelCost, *, flipped: bool = False) -> tuple[G
     """Return the census codes and the levels; rows are longer than the image, and a part without weight is empty."""
     none = np.zeros((0, *image.shape), np.uint8)
     codes = none
-    if recipe.census_weight:
-        codes = census_planes(image, window=recipe.window, threshold=NOISE, flipped=flipped)
+    if recipe.census:
+        codes = census_planes(image, neighbours(recipe.window, recipe.sparse), recipe.threshold, flipped=flipped)
     return codes, _levels_u8(image, recipe.half_pixel) if recipe.cap else none
 
 
@@ -269,10 +280,13 @@ def cost_rows(
     beyond = np.zeros(pair.lanes, out.dtype)
     beyond[num_disparities:] = np.iinfo(out.dtype).max
     shift, factor = recipe.scale(block_size)
+    tile = min(max(TILE_CELLS // pair.lanes, 2 * block_size), width)  # columns at a time
+    cells = (tile + block_size - 1) * pair.lanes
+    small = out.dtype == np.uint8 and recipe.greatest * block_size**2 < 256
     kernels.cost_rows(
-        pair.left_codes, pair.right_codes, recipe.census_weight, pair.left_levels, pair.right_levels, recipe.cap,
+        pair.left_codes, pair.right_codes, pair.left_levels, pair.right_levels, recipe.cap,
         pair.start, pair.inside, pair.outside, beyond, block_size // 2, shift,
-        factor if out.dtype == np.uint8 else 0, rows, lanes_of(pair.lanes),
-        np.empty((block_size + 1, width * pair.lanes), np.uint8), np.empty(width * pair.lanes, np.uint16),
-        out.reshape(-1),
+        factor if out.dtype == np.uint8 else 0, rows, width, lanes_of(pair.lanes),
+        np.empty((block_size, cells), np.uint8), np.empty(cells, np.uint8 if small else np.uint16),
+        np.zeros(pair.lanes, np.uint16), out.reshape(-1),
     )  # fmt: skip

@@ -21,11 +21,11 @@ from stereocal.reconstruction.vector_lanes import (
     narrow,
     subtract_saturated,
 )
-from stereocal.reconstruction.vector_primitives import fill, load, maximum, store, where_at_most, widen
+from stereocal.reconstruction.vector_primitives import fill, fill_from, load, maximum, store, where_at_most, widen
 
 
 @njit(cache=True, nogil=True)
-def census_planes(padded, threshold, radius_y, radius_x, flipped, lanes, count, planes):
+def census_planes(padded, threshold, radius_y, radius_x, offsets, lanes, count, planes):
     """Write the census code of each pixel: bit b is set if neighbour b is darker than the centre by more than t.
 
     Parameters
@@ -34,35 +34,30 @@ def census_planes(padded, threshold, radius_y, radius_x, flipped, lanes, count, 
         The image with a margin.
     threshold : int
         t.
-    flipped : bool
-        Whether the image is mirrored left to right; the code is that of the unflipped pixel.
+    offsets : (bits,) int64
+        How far on from the centre each neighbour is in the padded image.
     lanes : tuple
         How many pixels are done at a time, as a type.
     count : int
         The same as a number; W is a multiple of it.
     planes : (⌈bits / 8⌉, H, W) uint8
-        Eight bits a plane, the first neighbour lowest, the window read row by row.
+        Eight bits a plane, the first neighbour lowest.
     """
     number, height, width = planes.shape
     stride = padded.shape[1]
     image, codes = padded.ravel(), planes.ravel()
-    columns = 2 * radius_x + 1
-    middle = radius_y * columns + radius_x
-    neighbours = columns * (2 * radius_y + 1) - 1
     for y in range(height):
         for x in range(0, width, count):
-            centre = load(image, (y + radius_y) * stride + x + radius_x, lanes)
+            here = (y + radius_y) * stride + x + radius_x
+            centre = load(image, here, lanes)
             darker = subtract_saturated(centre, fill(threshold, centre))
             none = centre - centre
             for plane in range(number):
-                code = none
-                for bit in range(8 * plane, min(8 * plane + 8, neighbours)):
-                    place = bit if bit < middle else bit + 1  # the centre is left out
-                    row, column = place // columns, place % columns
-                    if flipped:
-                        column = columns - 1 - column
-                    neighbour = load(image, (y + row) * stride + x + column, lanes)
-                    code = code | where_at_most(darker, neighbour, none, fill(1 << (bit - 8 * plane), none))
+                code, value = none, 1
+                for bit in range(8 * plane, min(8 * plane + 8, len(offsets))):
+                    neighbour = load(image, here + offsets[bit], lanes)
+                    code = code | where_at_most(darker, neighbour, none, fill(value, none))
+                    value *= 2
                 store(code, codes, (plane * height + y) * width + x)
 
 
@@ -94,17 +89,18 @@ def half_pixel_levels(padded, lanes, count, levels):
 
 @njit(cache=True, nogil=True)
 def cost_rows(
-    left_codes, right_codes, census_weight, left_levels, right_levels, cap, start, inside, outside, beyond,
-    radius, shift, factor, rows, lanes, recent, columns, out,
+    left_codes, right_codes, left_levels, right_levels, cap, start, inside, outside, beyond,
+    radius, shift, factor, rows, width, lanes, recent, columns, nought, out,
 ):  # fmt: skip
     """Write the block's cost of every pixel of some rows, at every disparity.
+
+    The rows are cut into tiles, so that a tile's costs of the last rows are still in the cache when they are taken out
+    of the sums again.
 
     Parameters
     ----------
     left_codes, right_codes : (planes, H, ·) uint8
         Census codes; no planes if the census has no part in the cost.
-    census_weight : int
-        How often a differing bit counts.
     left_levels, right_levels : (3, H, ·) uint8
         Grey value, the least and the greatest within half a pixel of it; the first dimension is 0 if grey values have
         no part in the cost.
@@ -122,97 +118,103 @@ def cost_rows(
         out = (sum · 2^shift · factor) >> 16; a `factor` of 0 writes the sum as it is.
     rows : (first, last)
         The rows to write, last not included.
-    recent : (2r + 2, W · lanes) uint8
-        Scratch: the single pixels' costs of the last rows.
-    columns : (W · lanes,) uint16
-        Scratch: their sums over 2r + 1 rows.
+    width : int
+        W.
+    lanes : tuple
+        The lanes, as a type.
+    recent : (2r + 1, (tile + 2r) · lanes) uint8
+        Scratch: the single pixels' costs of the last rows of a tile.
+    columns : ((tile + 2r) · lanes,) uint8 or uint16
+        Scratch: their sums. Its type, in which the block is summed too, has room for them.
+    nought : (lanes,) uint16
+        Zeros.
     out : ((last - first) · W · lanes,) uint8 or uint16
     """
     first, last = rows
+    D = len(beyond)
     height = max(left_codes.shape[1], left_levels.shape[1])
-    width = len(columns) // len(beyond)
-    columns[:] = 0
-    computed = max(first - radius, 0) - 1
-    for v in range(first - radius, last + radius):
-        entering = min(max(v, 0), height - 1)  # rows beyond the image are copies of its first and its last
-        if entering > computed:
-            cost_row(
-                left_codes, right_codes, census_weight, left_levels, right_levels, cap, start, inside, outside,
-                height, width, entering, lanes, recent[entering % len(recent)],
+    tile = len(columns) // D - 2 * radius
+    for begin in range(0, width, tile):
+        end = min(begin + tile, width)
+        reach = (max(begin - radius, 0), min(end + radius, width))
+        recent[:] = 0
+        columns[:] = 0
+        for v in range(first - radius, last + radius):
+            y = min(max(v, 0), height - 1)  # rows beyond the image are copies of its first and its last
+            add_row(
+                left_codes, right_codes, left_levels, right_levels, cap, start, inside, outside,
+                y, reach, lanes, recent[(v - first + radius) % len(recent)], columns,
             )  # fmt: skip
-            computed = entering
-        leaving = -1
-        if v - 2 * radius - 1 >= first - radius:
-            leaving = max(v - 2 * radius - 1, 0) % len(recent)
-        row = recent[entering % len(recent)]
-        move_window_down(row, recent[leaving], leaving >= 0, width, len(beyond), lanes, columns)
-        if v - radius >= first:
-            to = (v - radius - first) * len(columns)
-            sum_along_row(columns, radius, shift, factor, beyond, width, lanes, to, out)
+            if v - radius >= first:
+                to = (v - radius - first) * width * D
+                sum_along_row(
+                    columns, radius, shift, factor, beyond, reach, (begin, end), lanes, nought, to, out
+                )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
-def cost_row(
-    left_codes, right_codes, census_weight, left_levels, right_levels, cap, start, inside, outside,
-    height, width, y, lanes, row,
+def add_row(
+    left_codes, right_codes, left_levels, right_levels, cap, start, inside, outside,
+    y, reach, lanes, row, columns,
 ):  # fmt: skip
-    """Write the cost of each pixel of row y on its own, at every disparity."""
+    """Take what `row` holds out of the column sums, write the pixels' costs of row y into it, and add those."""
+    first, last = reach
     stride = len(inside)
+    planes, _, codes_width = left_codes.shape
+    levels_width = left_levels.shape[2]
+    height = max(left_codes.shape[1], left_levels.shape[1])
+    l_codes, l_levels = left_codes.ravel(), left_levels.ravel()
     codes, levels = right_codes.ravel(), right_levels.ravel()
-    D = len(row) // width
     zero = load(inside, 0, lanes)
     zero = zero - zero
     limit = fill(cap, zero)
-    left_code, left_level = left_codes[:, y], left_levels[:, y]
-    for x in range(width):
+    D = 16 * len(lanes)
+    for x in range(first, last):
         there = start - x
-        differing = zero
-        for plane in range(len(left_codes)):
-            candidates = load(codes, (plane * height + y) * stride + there, lanes)
-            differing = differing + count_differing_bits(fill(left_code[plane, x], zero), candidates)
-        cost = differing
-        for _ in range(1, census_weight):
-            cost = cost + differing
-        if len(left_levels) > 0:
-            at = y * stride + there
+        at = y * stride + there
+        cost = zero
+        own = y * codes_width + x
+        for plane in range(planes):
+            code = fill_from(l_codes, plane * height * codes_width + own, zero)
+            cost = cost + count_differing_bits(code, load(codes, plane * height * stride + at, lanes))
+        if cap > 0:
             value, low = load(levels, at, lanes), load(levels, height * stride + at, lanes)
             high = load(levels, 2 * height * stride + at, lanes)
-            l_value = fill(left_level[0, x], zero)
-            l_low, l_high = fill(left_level[1, x], zero), fill(left_level[2, x], zero)
+            own = y * levels_width + x
+            l_value = fill_from(l_levels, own, zero)
+            l_low = fill_from(l_levels, height * levels_width + own, zero)
+            l_high = fill_from(l_levels, 2 * height * levels_width + own, zero)
             to_right = maximum(subtract_saturated(l_value, high), subtract_saturated(low, l_value))
             to_left = maximum(subtract_saturated(value, l_high), subtract_saturated(l_low, value))
             cost = cost + minimum(minimum(to_right, to_left), limit)
         cost = bits_in_both(cost, load(inside, there, lanes)) + load(outside, there, lanes)
-        store(cost, row, x * D)
-
-
-@njit(cache=True, nogil=True)
-def move_window_down(entering, leaving, has_leaving, width, D, lanes, columns):
-    """Add the row that enters the block to the column sums, and take the row away that leaves it."""
-    for i in range(0, width * D, D):
+        i = (x - first) * D
         column = load(columns, i, lanes)
-        column = column + widen(load(entering, i, lanes), column)
-        if has_leaving:
-            column = column - widen(load(leaving, i, lanes), column)
+        column = column + widen(cost, column) - widen(load(row, i, lanes), column)
+        store(cost, row, i)
         store(column, columns, i)
 
 
 @njit(cache=True, nogil=True)
-def sum_along_row(columns, radius, shift, factor, beyond, width, lanes, to, out):
+def sum_along_row(columns, radius, shift, factor, beyond, reach, part, lanes, nought, to, out):
     """Write the sums over the block, scaled, of one row: columns beyond the image are copies of its outermost."""
     D = len(beyond)
-    last = (width - 1) * D
+    begin, end = part
+    origin = reach[0] * D
+    last = (reach[1] - reach[0] - 1) * D
     none = load(beyond, 0, lanes)
+    wide = load(nought, 0, lanes)
+    scale = fill(factor, wide)
     total = load(columns, 0, lanes)
     total = total - total
-    for j in range(-radius, radius):
-        total = total + load(columns, min(max(j * D, 0), last), lanes)
-    for x in range(width):
-        total = total + load(columns, min((x + radius) * D, last), lanes)
-        scaled = total
+    for x in range(begin - radius, begin + radius):
+        total = total + load(columns, min(max(x * D - origin, 0), last), lanes)
+    for x in range(begin, end):
+        total = total + load(columns, min((x + radius) * D - origin, last), lanes)
+        scaled = widen(total, wide)
         if factor > 0:
             for _ in range(shift):
                 scaled = scaled + scaled
-            scaled = high_product(scaled, fill(factor, scaled))
+            scaled = high_product(scaled, scale)
         store(narrow(scaled, none) | none, out, to + x * D)
-        total = total - load(columns, max((x - radius) * D, 0), lanes)
+        total = total - load(columns, max((x - radius) * D - origin, 0), lanes)

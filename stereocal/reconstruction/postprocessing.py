@@ -9,6 +9,11 @@ and the result is the disparity at which half of the votes are reached (Z. Ma et
 disparities of the window, never a blend of foreground and background. Votes are counted in whole numbers, so that the
 order of counting does not matter. Pixels without a disparity neither vote nor are given one.
 
+**Median of nine.** The plain median of 3x3 pixels takes single wrong pixels and ragged edges away, for next to no
+time. A neighbour without a disparity counts as the pixel itself. A pixel without one counts as infinitely far away, so
+that it gets one if five or more of its neighbours have, and leans towards the farther of them, for what has no match is
+mostly background. Semi-global matching ends with it.
+
 **Holes.** What the right camera does not see is BACKGROUND, next to the left edge of something nearer. A hole in a row
 is filled with the smaller of the two disparities at its ends (H. Hirschmüller, 2008, section 2.5.3): a guess that is
 right for occlusions behind a straight edge, and not a measurement. Fill for pictures; leave the holes for measuring.
@@ -141,6 +146,38 @@ def _weighted_median_reference(
     first = np.argmax(2 * reached >= reached[..., -1:], axis=2)
     median = np.take_along_axis(values, first[..., None], axis=2)[..., 0]
     return np.where(np.isnan(disparity), np.nan, median).astype(np.float32)
+
+
+def median_of_nine(disparity: Disparity, *, backend: str = "numba") -> Disparity:
+    """Median of 3x3 pixels, those without a disparity as said above.
+
+    Parameters
+    ----------
+    disparity : ndarray of shape (H, W), float32
+        NaN where there is none.
+    backend : {"numba", "numpy"}
+        The kernel, or the readable reference. They are equal to the bit.
+
+    Returns
+    -------
+    ndarray of shape (H, W), float32
+        NaN where `disparity` is, but for holes that five neighbours close.
+    """
+    if runs_compiled(backend):
+        from stereocal.reconstruction import postprocessing_kernels as kernels
+
+        height, width = disparity.shape
+        padded = np.full((height + 2, width + 2), np.nan, np.float32)
+        padded[1:-1, 1:-1] = disparity
+        out = np.empty_like(disparity)
+        kernels.median_of_nine(padded, out)
+        return out
+    padded = np.pad(disparity, 1, constant_values=np.nan)
+    nine = np.lib.stride_tricks.sliding_window_view(padded, (3, 3)).reshape(*disparity.shape, 9)
+    itself = np.where(np.isnan(disparity), np.float32(-np.inf), disparity)
+    nine = np.where(np.isnan(nine), itself[..., None], nine)
+    middle = np.sort(nine, axis=2)[..., 4]
+    return np.where(np.isinf(middle), np.float32(np.nan), middle)
 
 
 def fill_holes(disparity: ArrayLike, *, max_width: int | None = None) -> Disparity:

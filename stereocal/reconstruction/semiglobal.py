@@ -52,9 +52,10 @@ from stereocal.base.checks import require_choice, require_integer, require_posit
 from stereocal.base.errors import InputError
 from stereocal.reconstruction import matching_costs
 from stereocal.reconstruction.census import runs_compiled
+from stereocal.reconstruction.islands import filter_islands
 from stereocal.reconstruction.matching_costs import COST_MAX, COSTS, RECIPES, Gray, PixelCost, PreparedPair
+from stereocal.reconstruction.postprocessing import median_of_nine
 from stereocal.reconstruction.sad import as_gray_pair
-from stereocal.reconstruction.speckles import filter_speckles
 from stereocal.reconstruction.winner import (
     Disparity,
     RowSelector,
@@ -88,14 +89,16 @@ def match_sgm(
     cost: str = "census+bt",
     block_size: int = 3,
     paths: int = 8,
-    P1: int = 36,
-    P2: int = 160,
-    gradient_scale: float | None = 20.0,
+    P1: int = 26,
+    P2: int = 120,
+    gradient_scale: float | None = 40.0,
     subpixel: bool = True,
     left_right_check: int | None = 2,
     uniqueness_ratio: int = 0,
+    median: bool = True,
     speckle_size: int = 100,
     speckle_range: float = 2.0,
+    texture_threshold: int = 8,
     threads: int | None = None,
     backend: str = "numba",
 ) -> Disparity:
@@ -124,10 +127,15 @@ def match_sgm(
         The largest difference, in pixels, to the right image's own best disparity; None does not check.
     uniqueness_ratio : int
         Percent by which the best sum must undercut all others that are not its neighbours; 0 refuses ties alone.
+    median : bool
+        Whether each disparity is replaced by the median of 3x3 pixels, which closes small holes as well.
     speckle_size : int
-        Islands of at most so many pixels are removed; 0 keeps them.
+        Islands of at most so many pixels are removed; 0 keeps all islands.
     speckle_range : float
         Neighbours that differ by at most so many pixels belong to one island.
+    texture_threshold : int
+        Larger islands are removed too if the grey value hardly anywhere in them changes by more than this, in grey
+        levels, from the left neighbour to the right (:mod:`stereocal.reconstruction.islands`); 0 does not ask.
     threads : int, optional
         1 or 2 (more are no help); the result does not depend on it. None takes all cores.
     backend : {"numba", "numpy"}
@@ -177,6 +185,7 @@ def match_sgm(
     P2 = require_integer(P2, "P2", minimum=P1 + 1, maximum=255 - COST_MAX)
     penalties = jump_penalties(P1, P2, gradient_scale)
     size = require_integer(speckle_size, "speckle_size", minimum=0)
+    texture_threshold = require_integer(texture_threshold, "texture_threshold", minimum=0, maximum=255)
     if not speckle_range >= 0:
         raise InputError(f"speckle_range must be 0 or more (pixels), but is {speckle_range!r}")
     if not runs_compiled(backend):
@@ -189,8 +198,13 @@ def match_sgm(
         disparity = _match_by_kernels(
             left_gray, right_gray, recipe, block_size, search, P1, penalties, paths, thread_count(threads)
         )
+    if median:
+        disparity = median_of_nine(disparity, backend=backend)
     if size:
-        disparity = filter_speckles(disparity, max_size=size, max_difference=speckle_range, backend=backend)
+        disparity = filter_islands(
+            disparity, left_gray, max_size=size, max_difference=speckle_range, texture_threshold=texture_threshold,
+            backend=backend,
+        )  # fmt: skip
     return disparity
 
 

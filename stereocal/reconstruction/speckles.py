@@ -235,7 +235,13 @@ def filter_speckles_as_printed(
 def _speckle_sizes_reference(
     disparity: NDArray[Any], valid: NDArray[np.bool_], max_difference: float
 ) -> NDArray[np.int32]:
-    """Build the graph of ~ and count its components: the definition, with SciPy's graph search."""
+    """Count the pixels of each component of the graph of ~: the definition."""
+    component = components(disparity, valid, max_difference)
+    return np.where(valid, np.bincount(component.ravel())[component], 0).astype(np.int32)
+
+
+def components(disparity: NDArray[Any], valid: NDArray[np.bool_], max_difference: float) -> NDArray[np.int32]:
+    """Build the graph of ~ and number its components, by SciPy's graph search; an invalid pixel is one by itself."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -248,9 +254,7 @@ def _speckle_sizes_reference(
         edges.append(np.stack([label[here][joined], label[there][joined]]))
     p, q = np.hstack(edges)
     graph = coo_array((np.ones(len(p), np.int8), (p, q)), shape=(disparity.size, disparity.size))
-    component = connected_components(graph, directed=False)[1]
-    size = np.bincount(component)[component].reshape(disparity.shape)
-    return np.where(valid, size, 0).astype(np.int32)
+    return np.asarray(connected_components(graph, directed=False)[1], np.int32).reshape(disparity.shape)
 
 
 def _as_disparity(disparity: ArrayLike, no_disparity: float, max_difference: float) -> tuple[NDArray[Any], Any, float]:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from strategies import seeds
 
 from stereocal.base.errors import InputError
-from stereocal.reconstruction.census import census_transform, match_census
+from stereocal.reconstruction.census import census_transform, match_census, neighbours
 from stereocal.reconstruction.matching_costs import (
     COST_MAX,
     RECIPES,
@@ -30,10 +30,11 @@ cv2 = pytest.importorskip("cv2")
     width=st.integers(1, 80),
     window=st.sampled_from([(3, 3), (5, 5), (7, 5), (1, 3), (9, 7), (5, 13)]),
     threshold=st.integers(0, 40),
+    sparse=st.booleans(),
 )
-def test_census_kernel_is_its_reference(seed, height, width, window, threshold) -> None:
+def test_census_kernel_is_its_reference(seed, height, width, window, threshold, sparse) -> None:
     image = np.random.default_rng(seed).integers(0, 256, (height, width)).astype(np.uint8)
-    options = {"window": window, "threshold": threshold}
+    options = {"window": window, "threshold": threshold, "sparse": sparse and window != (1, 3)}
     expected = census_transform(image, **options, backend="numpy")
     assert expected.dtype == np.uint64
     np.testing.assert_array_equal(census_transform(image, **options), expected)
@@ -44,6 +45,17 @@ def test_census_by_hand() -> None:
     #                 bit 0..7:  9<5 1<5 5<5 7<5 4<5 6<5 5<5 0<5
     assert census_transform(image, window=(3, 3))[1, 1] == 0b10010010
     assert census_transform(image, window=(3, 3), threshold=1)[1, 1] == 0b10000010
+
+
+def test_a_sparse_code_takes_the_black_squares() -> None:
+    places = neighbours((9, 5), sparse=True)
+    assert len(places) == 22
+    assert all((v + u) % 2 == 0 for v, u in places)
+    image = np.zeros((5, 9), np.uint8)
+    image[2, 4] = 9  # brighter than all its neighbours
+    assert int(np.bitwise_count(census_transform(image, window=(9, 5), sparse=True))[2, 4]) == 22
+    image[2, 3] = 9  # a white square: not looked at
+    assert int(np.bitwise_count(census_transform(image, window=(9, 5), sparse=True))[2, 4]) == 22
 
 
 @settings(max_examples=15)
@@ -108,7 +120,7 @@ def test_birchfield_tomasi_forgives_half_a_pixel() -> None:
     right = np.tile(4 * (x + 0.5), (5, 1)).astype(np.uint8)
     volumes = [
         cost_volume(left, right, num_disparities=1, min_disparity=0, recipe=recipe, block_size=1, scaled=False)
-        for recipe in (PixelCost(0, 40, True), PixelCost(0, 40, False))
+        for recipe in (PixelCost(False, 40, True), PixelCost(False, 40, False))
     ]
     assert np.all(volumes[0][:, 1:-1] == 0)
     assert np.all(volumes[1] == 2)

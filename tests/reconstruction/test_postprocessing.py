@@ -10,7 +10,9 @@ from strategies import seeds
 
 from stereocal.base.errors import InputError
 from stereocal.reconstruction.census import match_census
-from stereocal.reconstruction.postprocessing import confidence_map, fill_holes, weighted_median
+from stereocal.reconstruction.postprocessing import confidence_map, fill_holes, median_of_nine, weighted_median
+
+cv2 = pytest.importorskip("cv2")
 
 
 def _random_map(rng, shape, missing):
@@ -122,3 +124,27 @@ def test_bad_input_is_named() -> None:
         fill_holes(d, max_width=0)
     with pytest.raises(InputError, match="map's shape"):
         confidence_map(d, image, image)
+
+
+@settings(max_examples=25)
+@given(seed=seeds, height=st.integers(1, 12), width=st.integers(1, 40), holes=st.sampled_from([0.0, 0.3, 0.8]))
+def test_median_of_nine_kernel_is_its_reference(seed, height, width, holes) -> None:
+    rng = np.random.default_rng(seed)
+    disparity = rng.integers(0, 12, (height, width)).astype(np.float32) / 4
+    disparity[rng.random((height, width)) < holes] = np.nan
+    expected = median_of_nine(disparity, backend="numpy")
+    assert expected.dtype == np.float32
+    np.testing.assert_array_equal(median_of_nine(disparity), expected)
+    assert not np.any(np.isnan(expected) & ~np.isnan(disparity))
+
+
+def test_median_of_nine_closes_a_hole_of_one_pixel_from_behind() -> None:
+    disparity = np.array([[9, 9, 2], [9, np.nan, 2], [9, np.nan, 2]], np.float32)
+    assert median_of_nine(disparity)[1, 1] == 2  # seven neighbours, four of them near
+    disparity[:, 0] = np.nan
+    assert np.isnan(median_of_nine(disparity)[1, 1])  # four neighbours
+
+
+def test_median_of_nine_is_opencvs_where_there_are_no_holes() -> None:
+    disparity = np.random.default_rng(0).random((20, 30)).astype(np.float32)
+    np.testing.assert_array_equal(median_of_nine(disparity)[1:-1, 1:-1], cv2.medianBlur(disparity, 3)[1:-1, 1:-1])

@@ -85,6 +85,8 @@ def test_kernels_are_the_recursion(
         "P1": P1,
         "P2": int(rng.integers(P1 + 1, 192)),
         "speckle_size": int(rng.choice([0, 6])),
+        "median": bool(rng.integers(2)),
+        "texture_threshold": int(rng.choice([0, 8, 90])),
     }
     expected = match_sgm(left, right, **options, backend="numpy")
     result = match_sgm(left, right, **options, threads=int(rng.integers(1, 3)))
@@ -283,7 +285,8 @@ def test_bad_input_is_named() -> None:
         ({"gradient_scale": 0.0}, "gradient_scale"),
         ({"num_disparities": 0}, "num_disparities"),
         ({"block_size": 4}, "odd"),
-        ({"block_size": 35}, "smaller block"),
+        ({"block_size": 51}, "smaller block"),
+        ({"texture_threshold": -1}, "texture_threshold"),
         ({"threads": 0}, "threads"),
         ({"backend": "cuda"}, "backend"),
     ):
