@@ -35,7 +35,7 @@ free unknown, with a single 1 for a plain parameter and, for a focal length shar
 **Damping** is as in ``base.least_squares``: μD² with D² the diagonal of the normal matrix, gain ratio, Nielsen's rule.
 
 This module is the equation, in NumPy, for every model and option; ``bundle_kernels`` holds its twin for OpenCV's
-models, ``bundle_step_kernels`` that of the step.
+models, ``bundle_step_kernels`` that of the step, and ``bundle_compiled`` brings the arrays into their order.
 
 Sources: Triggs, McLauchlan, Hartley and Fitzgibbon, *Bundle adjustment: a modern synthesis* (2000); Lourakis and
 Argyros (2009).
@@ -192,10 +192,10 @@ class BundleState:
 class NormalEquations:
     """F and its normal equations at a state: U (F, F), b_z (F,), V (V, 6, 6), b_v (V, 6), W (V, F, 6).
 
-    `residuals` (M, 2) are p̃ − y there, neither weighted nor robust. `schur` and `half` keep the Schur complement S and
-    C of S⁻¹ = C Cᵀ once ``bundle_solver`` and ``covariance`` have computed them. `eliminate`, which the compiled engine gives,
-    returns L⁻¹ of the Cholesky factors of V (V, 6, 6), Z = L⁻¹ Wᵀ (V, 6, F) and the factor of S (F, F; its lower
-    triangle); None where one is not positive definite.
+    `residuals` (M, 2) are p̃ − y there, neither weighted nor robust. `schur` and `half` keep the Schur complement S
+    and C of S⁻¹ = C Cᵀ once ``bundle_solver`` and ``covariance`` have computed them. `eliminate`, which the compiled
+    engine gives, returns L⁻¹ of the Cholesky factors of V (V, 6, 6), Z = L⁻¹ Wᵀ (V, 6, F) and the factor of S (F, F;
+    its lower triangle); None where one is not positive definite.
     """
 
     cost: float

@@ -62,14 +62,15 @@ class CompiledEngine:
         plain = bundle.whitening is None and bundle.loss == "linear"
         self._problem = (
             data, np.ascontiguousarray(whitening), blocks.T.copy(), None if plain else LOSSES.index(bundle.loss),
-            float(bundle.loss_scale), np.array(lenses), np.array(kinds) if any(kinds) else None, columns, sizes, to, factor,
+            float(bundle.loss_scale), np.array(lenses), np.array(kinds) if any(kinds) else None, columns, sizes, to,
+            factor,
         )  # fmt: skip
         self._map = (places, sizes, to, factor)
         self._lenses, self._shape = lenses, state.shape
 
         width = (free + 4) // 4 * 4
         shapes = ((free + 1, free + 1), (views, 6, 6), (views, 6, width))
-        self._here = _state_arrays(state, cameras)
+        self._here: tuple[Float, ...] = _state_arrays(state, cameras)
         self._there = tuple(np.empty_like(part) for part in self._here)
         self._sums_here = tuple(np.zeros(shape) for shape in shapes)
         self._sums_there = tuple(np.zeros(shape) for shape in shapes)
@@ -132,10 +133,10 @@ class CompiledEngine:
         """Return the state."""
         theta, rigs, views = self._here
         intrinsics = [row[: 5 + count] for row, count in zip(theta, self._lenses, strict=True)]
-        parts = (
+        R_rig, t_rig, R_views, t_views = (
             np.ascontiguousarray(part) for part in (rigs[:, :, :3], rigs[:, :, 3], views[:, :, :3], views[:, :, 3])
         )
-        return BundleState(intrinsics, *parts, self._shape)
+        return BundleState(intrinsics, R_rig, t_rig, R_views, t_views, self._shape)
 
 
 def _state_arrays(state: BundleState, cameras: int) -> tuple[Float, Float, Float]:

@@ -48,7 +48,7 @@ def cholesky_in_place(A, n, rows):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FUSED, **INNER)
 def eliminate_poses(V, W, mu, D2_v, L, Z, S):
-    """Fill L, which is followed by Mᵀ, and Z of V + μD², subtract ZᵀZ from S; return whether every V is pos. definite."""
+    """Fill L, followed by Mᵀ, and Z of V + μD², and subtract ZᵀZ from S; return whether all are positive definite."""
     six = V.shape[1]  # loops of known length would be written out one by one, which takes long to compile
     for v in range(len(V)):
         A = L[v]
@@ -81,7 +81,7 @@ def eliminate_poses(V, W, mu, D2_v, L, Z, S):
 
 @njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def turn_and_shift(step, pose, new):
-    """[R | t] of `new` = [exp([w]ₓ) R | t + δt] of a step (w, δt): x + s w × x + c w × (w × x) for each column x of R."""
+    """Fill [R | t] after a step (w, δt): t + δt, and x + s w × x + d w × (w × x) for each column x of R."""
     a, b, c = step[0], step[1], step[2]
     theta2 = a * a + b * b + c * c
     theta = math.sqrt(theta2)
@@ -104,7 +104,8 @@ def turn_and_shift(step, pose, new):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FUSED, no_cfunc_wrapper=True)
 def step_kernel(
-    U, V, W, mu, D2, D2_v, L, Z, S, dz, dv, places, sizes, to, factor, theta, rigs, poses, theta_new, rigs_new, poses_new
+    U, V, W, mu, D2, D2_v, L, Z, S, dz, dv, places, sizes, to, factor, theta, rigs, poses, theta_new, rigs_new,
+    poses_new,
 ):  # fmt: skip
     """Renew the scaling D², solve (A + μD²) δ = −b for δ = (dz, dv) and write the state after that step.
 

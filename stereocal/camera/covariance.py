@@ -142,7 +142,7 @@ def half_of_inverse(equations: NormalEquations) -> Float | None:
     unit diagonal, count as at least 1e-16 of the largest.
     """
     if equations.half is None and equations.factors is not None:
-        equations.half = np.linalg.inv(np.tril(equations.factors[2])).T
+        equations.half = np.asarray(np.linalg.inv(np.tril(equations.factors[2])).T)
     if equations.half is not None:
         return equations.half
     try:

@@ -21,7 +21,7 @@ SUMS = {"reassoc", "contract", "nsz"}  # sums of products may be regrouped: that
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=SUMS, **INNER)
 def normalize(x, y, to, similarity):
-    """Write (x, y), moved to its centroid and scaled to a mean distance of √2; return whether it is more than a line."""
+    """Write (x, y) moved to its centroid and scaled to a mean distance of √2; return whether it is no line."""
     n = len(x)
     a = b = 0.0
     for j in range(n):
@@ -103,8 +103,8 @@ def smallest(B, h, half, after):
 def homographies_kernel(data, offsets, H, degenerate, C, B, h, work, similarities):
     """Fill H (V, 9), scaled to unit norm with a last entry ≥ 0, and flags of views whose points lie on a line.
 
-    `data` has rows X, Y, Z, u, v; view i is its columns offsets[i] : offsets[i + 1]. C (5, points of the largest view), whose third row holds
-    ones, B (18, 9), h (9), work (2, 9) and similarities (2, 3) are scratch.
+    `data` has rows X, Y, Z, u, v; view i is its columns offsets[i] : offsets[i + 1]. Scratch: C (5, points of the
+    largest view), whose third row holds ones, B (18, 9), h (9), work (2, 9) and similarities (2, 3).
     """
     a, b = similarities[0], similarities[1]
     for v in range(len(H)):

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 import stereocal as sc
 from stereocal.base.rotations import rotation_matrices, rotation_matrix
 from stereocal.camera.bundle import Bundle, BundleState, residuals
-from stereocal.camera.bundle_problem import intrinsics_of, make_bundle
 from stereocal.camera.bundle_compiled import CompiledEngine
+from stereocal.camera.bundle_problem import intrinsics_of, make_bundle
 from stereocal.camera.bundle_solver import NumpyEngine, solve_bundle
 from stereocal.camera.covariance import bundle_covariance
 from stereocal.camera.distortion import MODELS
