@@ -8,6 +8,7 @@
 ``census``                    matching by the order of grey values, for unequal exposures
 ``matching_costs``            how alike two pixels are: census, Birchfield-Tomasi, differences
 ``semiglobal``                matching with a smoothness term along many paths
+``semiglobal_sweeps``         how its sweeps share memory and threads
 ``winner``                    from costs to disparities, and which of them to believe
 ``speckles``                  small islands of the disparity map are removed
 ``islands``                   islands that are too small, or have no texture to be matched by

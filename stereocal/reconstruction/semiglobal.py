@@ -24,26 +24,12 @@ along the row and the three from above.
 
     P2(p, q) = max( P1 + 1,  P2 / (1 + |I(p) − I(q)| / g) ),      g = `gradient_scale`, grey levels.
 
-**Two threads.** A path from above needs the row above, so rows cannot simply be shared out. But one thread can go
-down while another goes up: they meet in the middle, exchange the state of their paths, and each goes on into the half
-that the other has crossed, where it adds the sums that the other has left and takes the winners at once. Each does half
-of the work and waits once; the sums are of whole numbers, and the same whoever adds first.
-
-**Memory.** C and S of all pixels at all disparities are the textbook's burden: 3 H·W·D bytes here (C in 8 bits, S in
-16), 9 GB for 12 megapixels and D = 256. That is held up to :data:`VOLUME_BYTES`. Above, a sweep keeps its state (3 W·D
-bytes, the last row of its paths) at the border of each strip of √H rows, and the sums of the last strip alone. Coming
-back, the sums of a strip are made once more from the state kept there (A. Griewank's checkpoints, 1992). That is half
-as much work again, but the strips stay in the cache, and memory that is new to a process costs more than that. The
-memory is then about 9 √H·W·D bytes, 0.5 GB for those 12 megapixels.
+How the sweeps share memory and threads is told in :mod:`stereocal.reconstruction.semiglobal_sweeps`.
 
 Source: H. Hirschmüller, *Stereo processing by semiglobal matching and mutual information* (2008).
 """
 
 from __future__ import annotations
-
-import math
-import threading
-from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -53,17 +39,11 @@ from stereocal.base.errors import InputError
 from stereocal.reconstruction import matching_costs
 from stereocal.reconstruction.census import runs_compiled
 from stereocal.reconstruction.islands import filter_islands
-from stereocal.reconstruction.matching_costs import COST_MAX, COSTS, RECIPES, Gray, PixelCost, PreparedPair
+from stereocal.reconstruction.matching_costs import COST_MAX, COSTS, RECIPES, Gray
 from stereocal.reconstruction.postprocessing import median_of_nine
 from stereocal.reconstruction.sad import as_gray_pair
-from stereocal.reconstruction.winner import (
-    Disparity,
-    RowSelector,
-    Search,
-    run_together,
-    select,
-    thread_count,
-)
+from stereocal.reconstruction.semiglobal_sweeps import match_by_sweeps
+from stereocal.reconstruction.winner import Disparity, Search, select, thread_count
 
 DIRECTIONS = {
     4: ((1, 0), (-1, 0), (0, 1), (0, -1)),
@@ -71,13 +51,6 @@ DIRECTIONS = {
     8: ((1, 0), (-1, 0), (1, 1), (0, 1), (-1, 1), (1, -1), (0, -1), (-1, -1)),
 }
 """The steps r = (x, y) of the paths, by their number."""
-
-
-VOLUME_BYTES = 2**27
-"""The memory for C and S up to which they are held as a whole; and the most that is kept from call to call."""
-
-_KEPT: list[NDArray[np.uint8]] = []
-_KEPT_LOCK = threading.Lock()
 
 
 def match_sgm(
@@ -195,7 +168,7 @@ def match_sgm(
         )  # fmt: skip
         disparity = select(sum_paths(volume, left_gray, P1, penalties, paths), search)
     else:
-        disparity = _match_by_kernels(
+        disparity = match_by_sweeps(
             left_gray, right_gray, recipe, block_size, search, P1, penalties, paths, thread_count(threads)
         )
     if median:
@@ -271,147 +244,3 @@ def sum_paths(
 ) -> NDArray[np.int64]:
     """Return S(p, d) = Σ_r L_r(p, d) over the paths."""
     return np.sum([path_costs(volume, image, P1, penalties, r) for r in DIRECTIONS[paths]], axis=0)
-
-
-def _match_by_kernels(
-    left: Gray,
-    right: Gray,
-    recipe: PixelCost,
-    block_size: int,
-    search: Search,
-    P1: int,
-    penalties: NDArray[np.uint8],
-    paths: int,
-    threads: int,
-    strip_rows: int | None = None,
-) -> Disparity:
-    """Sweep down and up at once: see "Two threads" and "Memory" above."""
-    height = len(left)
-    pair = matching_costs.prepare_pair(
-        left, right, num_disparities=search.num_disparities, min_disparity=search.min_disparity, recipe=recipe
-    )
-    rows = strip_rows or rows_of_strip(height, left.shape[1] * pair.lanes)
-    disparity = np.empty(left.shape, np.float32)
-    middle = height // 2
-    upper = [(y, min(y + rows, middle)) for y in range(0, middle, rows)]
-    lower = [(max(y - rows, middle), y) for y in range(height, middle, -rows)]
-    tallest = max(end - first for first, end in upper + lower)
-    halves = [
-        _Half(strips, step, tallest, pair, left, recipe, block_size, search, P1, penalties, paths, disparity)
-        for strips, step in ((upper, 1), (lower, -1))
-    ]
-    run_together([half.arrive for half in halves], min(threads, 2))
-    met = [half.state.copy() for half in halves]
-    run_together([partial(halves[0].leave, met[1]), partial(halves[1].leave, met[0])], min(threads, 2))
-    for half in halves:
-        return_memory(half.memory)
-    return disparity
-
-
-def borrow_memory(size: int) -> NDArray[np.uint8]:
-    """Return at least `size` bytes of scratch memory, an earlier call's if that is large enough.
-
-    Fresh memory is zeroed by the system, page by page, when it is first written: a fifth of the time of a call at
-    640x480. So a call leaves its memory to the next; see :func:`return_memory`.
-    """
-    with _KEPT_LOCK:
-        memory = _KEPT.pop() if _KEPT else None
-    return memory if memory is not None and len(memory) >= size else np.empty(size, np.uint8)
-
-
-def return_memory(memory: NDArray[np.uint8]) -> None:
-    """Keep scratch memory for the next call: two pieces at most, :data:`VOLUME_BYTES` together."""
-    with _KEPT_LOCK:
-        if len(_KEPT) < 2 and len(memory) <= VOLUME_BYTES // 2:
-            _KEPT.append(memory)
-
-
-def rows_of_strip(height: int, cells: int) -> int:
-    """Return how many rows a strip has: half of the image if its volumes are small enough, else √H.
-
-    Parameters
-    ----------
-    height : int
-    cells : int
-        W · D, with D rounded up to the kernels' lanes.
-    """
-    return (height + 1) // 2 if 3 * height * cells <= VOLUME_BYTES else math.isqrt(height - 1) + 1
-
-
-class _Half:
-    """One half of the image, and the sweep that comes from its far border: one thread's work.
-
-    Parameters
-    ----------
-    strips : list of (first, end)
-        The half's rows, in the order in which the sweep meets them.
-    step : int
-        1 if the sweep goes down, -1 if it goes up.
-    tallest : int
-        The greatest number of rows in a strip.
-    """
-
-    FOLLOW, STORE, FINISH = 0, 1, 2
-
-    def __init__(
-        self,
-        strips: list[tuple[int, int]],
-        step: int,
-        tallest: int,
-        pair: PreparedPair,
-        guide: Gray,
-        recipe: PixelCost,
-        block_size: int,
-        search: Search,
-        P1: int,
-        penalties: NDArray[np.uint8],
-        paths: int,
-        disparity: Disparity,
-    ) -> None:
-        width = guide.shape[1]
-        self.strips, self.step = strips, step
-        self.pair, self.recipe, self.block_size, self.search = pair, recipe, block_size, search
-        self.guide = np.pad(guide, 1).reshape(-1)
-        self.P1, self.paths, self.disparity = P1, paths, disparity
-        self.penalties = np.concatenate((penalties[:0:-1], penalties))
-        cells = tallest * width * pair.lanes
-        self.memory = borrow_memory(3 * cells)
-        self.cost = self.memory[:cells].reshape(tallest, width, pair.lanes)
-        self.total = self.memory[cells : 3 * cells].view(np.uint16)
-        self.sums = np.empty(width * pair.lanes, np.uint16)
-        self.state = np.zeros(3 * (width + 2) * pair.lanes, np.uint8)
-        self.checkpoints: list[NDArray[np.uint8]] = []
-        self.selector = RowSelector(pair, search)
-
-    def arrive(self) -> None:
-        """Sweep from the border to the middle; the last strip's sums are kept, of the others the state before them."""
-        for strip in self.strips:
-            self.checkpoints.append(self.state.copy())
-            self._fill_costs(strip)
-            self._sweep(strip, self.step, self.state, self.STORE if strip == self.strips[-1] else self.FOLLOW)
-
-    def leave(self, other: NDArray[np.uint8]) -> None:
-        """Take the other half's sweep on from the middle to the border, and with it the disparities."""
-        for strip, checkpoint in zip(self.strips[::-1], self.checkpoints[::-1], strict=True):
-            if strip != self.strips[-1]:
-                self._fill_costs(strip)
-                self._sweep(strip, self.step, checkpoint, self.STORE)
-            self._sweep(strip, -self.step, other, self.FINISH)
-
-    def _fill_costs(self, strip: tuple[int, int]) -> None:
-        matching_costs.cost_rows(
-            self.pair, strip, self.cost[: strip[1] - strip[0]], num_disparities=self.search.num_disparities,
-            recipe=self.recipe, block_size=self.block_size,
-        )  # fmt: skip
-
-    def _sweep(self, strip: tuple[int, int], step: int, state: NDArray[np.uint8], mode: int) -> None:
-        from stereocal.reconstruction import semiglobal_kernels as kernels
-        from stereocal.reconstruction.vector_primitives import lanes_of
-
-        with_vertical = self.paths != 5 or step > 0
-        rows = strip if step > 0 else (strip[1] - 1, strip[0] - 1)
-        kernels.sweep_rows(
-            self.cost.reshape(-1), self.guide, self.penalties, self.P1, strip[0], rows, with_vertical,
-            with_vertical and self.paths != 4, lanes_of(self.pair.lanes), state, self.total, mode, self.sums,
-            *self.selector.arguments, self.disparity,
-        )  # fmt: skip

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from strategies import seeds
 
 from stereocal.base.errors import InputError
-from stereocal.reconstruction import semiglobal
 from stereocal.reconstruction.census import match_census
 from stereocal.reconstruction.matching_costs import COST_MAX, COSTS, RECIPES
 from stereocal.reconstruction.semiglobal import DIRECTIONS, jump_penalties, match_sgm, path_costs, sum_paths
+from stereocal.reconstruction.semiglobal_sweeps import match_by_sweeps, rows_of_strip
 from stereocal.reconstruction.winner import Search, select
 
 cv2 = pytest.importorskip("cv2")
@@ -102,7 +102,7 @@ def test_checkpoints_change_nothing(paths, height, rows) -> None:
     search, recipe = Search(16, 0, True, 1, 0), RECIPES["census+bt"]
     penalties = jump_penalties(10, 60, 20.0)
     maps = [
-        semiglobal._match_by_kernels(left, right, recipe, 3, search, 10, penalties, paths, threads, strip)
+        match_by_sweeps(left, right, recipe, 3, search, 10, penalties, paths, threads, strip)
         for threads, strip in ((1, height), (1, rows), (2, rows))
     ]
     np.testing.assert_array_equal(maps[1], maps[0])
@@ -120,8 +120,8 @@ def test_calls_at_the_same_time_do_not_share_memory() -> None:
 
 
 def test_large_images_go_by_strips() -> None:
-    assert semiglobal.rows_of_strip(480, 640 * 64) == 240
-    assert semiglobal.rows_of_strip(960, 1280 * 128) == 31
+    assert rows_of_strip(480, 640 * 64) == 240
+    assert rows_of_strip(960, 1280 * 128) == 31
 
 
 def test_more_paths_see_more() -> None:
