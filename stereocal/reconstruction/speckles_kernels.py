@@ -67,7 +67,7 @@ def joined(here, there, none, limit, out):
     Integers (int16) are subtracted modulo 2¹⁶, larger minus smaller, so that no difference overflows; `none` marks
     those without a disparity. Floats (`none` is None) are compared as float64, and NaN is joined to nothing.
     """
-    for x in range(len(here)):
+    for x in range(len(there)):
         a, b = here[x], there[x]
         if none is None:
             out[x] = np.uint8(abs(np.float64(a) - np.float64(b)) <= limit)
@@ -138,6 +138,7 @@ def label_runs(disparity, none, limit, alone, flags, words, before, start, lengt
         The number of runs.
     """
     height, width = disparity.shape
+    pixels = disparity.ravel()
     n = words.shape[1]
     one, top = np.uint64(1), np.uint64(63)
     runs = 0
@@ -149,7 +150,8 @@ def label_runs(disparity, none, limit, alone, flags, words, before, start, lengt
         row = disparity[y]
         present(row, none, flags)
         pack_bits(flags, V)
-        joined(row[: width - 1], row[1:], none, limit, flags)
+        # the last pixel meets the first of the next row, so that whole registers remain, and is parted from it
+        joined(row, pixels[y * width + 1 : (y + 1) * width + 1], none, limit, flags)
         flags[width - 1] = 0
         pack_bits(flags, J)
         if y + 1 < height:
