@@ -21,7 +21,6 @@
 ``camera_starts``                   candidates for the camera matrix
 ``pose_reversal``                   Necker's reversal: boards tilted the other way
 ``initialisation``                  where the iteration starts
-``kink_starts``                     lower minima of rational lenses
 ``lens_starts``                     where a lens starts
 ``lens_doubts``                     what a fit leaves open: coefficients that trade, kinks, a centre adrift
 ``bundle``                          bundle adjustment: residuals, derivatives, block normal equations
@@ -34,6 +33,7 @@
 ``board_shape``                     the board's shape as unknowns
 ``board_shape_fit``                 fitting it, and asking held-out views
 ``outliers``                        corners that do not belong
+``refinements``                     from the plain optimum to the one asked for
 ``priors``                          what is known beforehand
 ``covariance``                      how sure the answer is
 ``degeneracy``                      views that do not determine a camera, named

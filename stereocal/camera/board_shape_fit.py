@@ -1,7 +1,8 @@
 """Fitting the board's shape together with cameras and poses, and asking held-out views whether it is real.
 
 See ``board_shape`` for the shapes and the gauge. The flat fit comes first and is the start; the shape is then one
-more block of shared unknowns in the bundle. The same functions serve one camera and a rig.
+more block of shared unknowns in the bundle. The same functions serve one camera and a rig. A view need not hold the
+whole board: points are told apart by where they stand on it, so corners may be missing or left out as outliers.
 """
 
 from __future__ import annotations
@@ -18,20 +19,25 @@ from stereocal.camera.bundle import Bundle, BundleState, residuals
 from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
 from stereocal.camera.covariance import BundleCovariance
 
+# Two views give four equations for the three coordinates of a point; the third makes a check of it.
+_LEAST_VIEWS = 3
+
 
 def fit_shape(
-    bundle: Bundle, solution: BundleSolution, board_warp: bool | str, *, max_iterations: int
+    bundle: Bundle, solution: BundleSolution, board_warp: bool | str, board: Float, *, max_iterations: int
 ) -> tuple[Bundle, BundleSolution, str, dict[str, float]]:
     """Go on from a flat fit to the shape that the user asks for.
 
     Parameters
     ----------
     bundle : Bundle
-        Measurements; every block holds all points of one board.
+        Measurements, numbered; every block holds points of one board.
     solution : BundleSolution
         The flat fit.
     board_warp : bool or str
         See ``board_shape.requested_kind``.
+    board : ndarray of shape (P, 3)
+        The flat board, of all corners, of which some may have been left out of the bundle.
     max_iterations : int
         Limit on steps.
 
@@ -47,12 +53,12 @@ def fit_shape(
     Raises
     ------
     InputError
-        If the views do not all hold the same board points.
+        If the views do not hold points of the same board.
     """
     kind = requested_kind(board_warp)
     if kind == "flat":
         return bundle, solution, kind, {}
-    board = common_board(bundle)
+    _require_one_board(bundle, board)
     held_out: dict[str, float] = {}
     if kind == "auto":
         held_out = {kind: held_out_rms(bundle, solution.state, board, kind) for kind in KINDS}
@@ -61,39 +67,65 @@ def fit_shape(
     return bundle, solution, kind, held_out
 
 
-def common_board(bundle: Bundle) -> Float:
-    """Return the board that all blocks share.
+def numbered(bundle: Bundle, board_warp: bool | str) -> Bundle:
+    """Return the bundle with the number of each measurement's point in the board, if a shape is asked for.
 
-    Raises
-    ------
-    InputError
-        If they differ.
+    To be done before corners are left out, so that the board keeps the points of them all. The order is that of the
+    first block that holds the whole board, or row by row where none does.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        Measurements.
+    board_warp : bool or str
+        See ``board_shape.requested_kind``.
+
+    Returns
+    -------
+    Bundle
     """
-    count = int(bundle.offsets[1] - bundle.offsets[0])
-    board = bundle.points[:count]
-    if np.any(np.diff(bundle.offsets) != count) or np.any(bundle.points.reshape(-1, count, 3) != board):
-        raise InputError("board_warp needs the same board points in every view; pass object_points as one (N, 3) array")
+    if requested_kind(board_warp) == "flat" or bundle.shape_index is not None:
+        return bundle
+    points, index = np.unique(bundle.points, axis=0, return_inverse=True)
+    index = index.ravel()
+    whole = np.flatnonzero(np.diff(bundle.offsets) == len(points))
+    if len(whole):
+        order = index[bundle.offsets[whole[0]] : bundle.offsets[whole[0] + 1]]
+    else:
+        order = np.lexsort((points[:, 0], points[:, 1]))
+    place = np.empty(len(points), dtype=np.int64)
+    place[order] = np.arange(len(points))
+    return replace(bundle, shape_index=place[index])
+
+
+def board_of(bundle: Bundle) -> Float:
+    """Return the flat board, (P, 3), of a numbered bundle; of another one the first view's part of it."""
+    if bundle.shape_index is None:
+        return bundle.points[: bundle.offsets[1]].copy()
+    board = np.full((bundle.shape_index.max() + 1, 3), np.nan)
+    board[bundle.shape_index] = bundle.points
     return board
+
+
+def _require_one_board(bundle: Bundle, board: Float) -> None:
+    seen = np.bincount(np.asarray(bundle.shape_index), minlength=len(board))
+    rare = int(np.count_nonzero(seen < _LEAST_VIEWS))
+    if rare:
+        raise InputError(
+            f"board_warp needs one board in all views, but {rare} of {len(board)} board points are seen fewer than "
+            f"{_LEAST_VIEWS} times; pass object_points as one (N, 3) array, or leave these points out"
+        )
 
 
 def release(
     bundle: Bundle, state: BundleState, board: Float, kind: str, *, max_iterations: int = 200
 ) -> tuple[Bundle, BundleSolution]:
-    """Solve with a shape of the given kind among the unknowns, starting from a state with a flat board."""
+    """Solve with a shape of the given kind among the unknowns, from a flat board; `shape_index` numbers its points."""
     basis = shape_basis(kind, board)
     if basis is None:
         return bundle, solve_bundle(bundle, state, max_iterations=max_iterations)
     unknowns = basis.shape[2]
-    blocks = len(bundle.offsets) - 1
-    bundle = replace(
-        bundle,
-        shape_basis=basis,
-        shape_index=np.tile(np.arange(len(board)), blocks),
-        G=np.asarray(block_diag(bundle.G, np.eye(unknowns))),
-    )
-    if bundle.prior_weights is not None and bundle.prior_means is not None:
-        bundle.prior_weights = np.concatenate([bundle.prior_weights, np.zeros(unknowns)])
-        bundle.prior_means = np.concatenate([bundle.prior_means, np.zeros(unknowns)])
+    bundle = replace(bundle, shape_basis=basis, G=np.asarray(block_diag(bundle.G, np.eye(unknowns))))
     return bundle, solve_bundle(bundle, replace(state, shape=np.zeros(unknowns)), max_iterations=max_iterations)
 
 
@@ -103,7 +135,7 @@ def held_out_rms(bundle: Bundle, state: BundleState, board: Float, kind: str) ->
     Parameters
     ----------
     bundle : Bundle
-        Measurements, flat.
+        Measurements, flat, with `shape_index`.
     state : BundleState
         The flat fit of all views; a start, nothing more.
     board : ndarray of shape (P, 3)
@@ -122,7 +154,7 @@ def held_out_rms(bundle: Bundle, state: BundleState, board: Float, kind: str) ->
         released, fit = release(training, start, board, kind, max_iterations=60)
         offsets = np.zeros_like(board) if released.shape_basis is None else released.shape_basis @ fit.state.shape
         test, poses = of_views(bundle, state, out)
-        test.points = test.points + np.tile(offsets, (len(test.offsets) - 1, 1))
+        test.points = test.points + offsets[test.shape_index]
         test.G = np.zeros((bundle.G.shape[0], 0))
         known = replace(fit.state, R_views=poses.R_views, t_views=poses.t_views, shape=np.zeros(0))
         d = residuals(test, solve_bundle(test, known).state)
@@ -154,9 +186,9 @@ def board_shape_of(
     bundle: Bundle, state: BundleState, kind: str, held_out: dict[str, float], joint: BundleCovariance
 ) -> BoardShape:
     """Return the shape that a solution holds, with standard deviations."""
-    board = bundle.points[: bundle.offsets[1]]
+    board = board_of(bundle)
     if bundle.shape_basis is None:
-        return BoardShape("flat", board.copy(), np.zeros_like(board), np.zeros_like(board), held_out)
+        return BoardShape("flat", board, np.zeros_like(board), np.zeros_like(board), held_out)
     offsets = bundle.shape_basis @ state.shape
     of_beta = joint.shared[bundle.shape_slice, bundle.shape_slice]
     variance = np.einsum("pam,mn,pan->pa", bundle.shape_basis, of_beta, bundle.shape_basis, optimize=True)

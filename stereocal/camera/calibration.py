@@ -31,8 +31,8 @@ from numpy.typing import ArrayLike
 from stereocal.base.checks import Float, as_image_size, require_choice, require_positive
 from stereocal.base.errors import DegenerateGeometryError, InputError
 from stereocal.camera.board_shape import BoardShape, board_line
-from stereocal.camera.board_shape_fit import board_shape_of, fit_shape
-from stereocal.camera.bundle import Bundle, BundleState, residuals
+from stereocal.camera.board_shape_fit import board_shape_of
+from stereocal.camera.bundle import Bundle, BundleState
 from stereocal.camera.bundle_problem import camera_of, intrinsics_of, make_bundle, whitening_of
 from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
 from stereocal.camera.covariance import BundleCovariance, bundle_covariance
@@ -44,10 +44,10 @@ from stereocal.camera.lens_doubts import lens_doubts
 from stereocal.camera.lens_starts import first_lens
 from stereocal.camera.losses import LOSSES
 from stereocal.camera.model import Camera
-from stereocal.camera.outliers import RejectedCorner, report_rejected, solve_without_outliers
+from stereocal.camera.outliers import RejectedCorner
 from stereocal.camera.parameters import fixed_names, free_columns, intrinsic_names, prior_arrays
 from stereocal.camera.pose import initial_poses
-from stereocal.camera.priors import solve_with_priors
+from stereocal.camera.refinements import refine_optimum
 from stereocal.camera.views import as_views
 
 
@@ -242,22 +242,14 @@ def calibrate_camera(
     else:
         state = _given_state(objects, images, initial, lens, held)
         solution = solve_bundle(bundle, state, max_iterations=max_iterations, backend=backend)
-    everything, kept, rejected = bundle, np.ones(len(bundle.points), dtype=bool), []
-    if reject_outliers:
-        factor = 5.0 if reject_outliers is True else require_positive(reject_outliers, "reject_outliers")
-        bundle, solution, kept, limit = solve_without_outliers(
-            bundle, solution, factor, max_iterations=max_iterations, backend=backend
-        )
-        rejected = report_rejected(everything, solution, kept, limit)
-    if priors:
-        bundle, solution = solve_with_priors(
-            bundle, solution, *prior_arrays(names, priors), max_iterations=max_iterations
-        )
-    bundle, solution, kind, held_out = fit_shape(bundle, solution, board_warp, max_iterations=max_iterations)
-    result = _result(bundle, solution, size, lens, names, kind, held_out)
-    if rejected:  # residuals of all corners, so that they match what was passed in; the RMS is that of the corners kept
-        d = -residuals(everything, solution.state)
-        result = replace(result, residuals=[d[a:b] for a, b in pairwise(everything.offsets)], rejected=rejected)
+    refined = refine_optimum(
+        bundle, solution, board_warp=board_warp, reject_outliers=reject_outliers,
+        priors=prior_arrays(names, priors) if priors else None, max_iterations=max_iterations, backend=backend,
+    )  # fmt: skip
+    result = _result(refined.bundle, refined.solution, size, lens, names, refined.kind, refined.held_out_rms)
+    if not refined.kept.all():  # residuals of all corners, as they were passed in; the RMS is of the corners kept
+        d, offsets = -refined.residuals, refined.everything.offsets
+        result = replace(result, residuals=[d[a:b] for a, b in pairwise(offsets)], rejected=refined.rejected())
     return result
 
 

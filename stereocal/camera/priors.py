@@ -35,7 +35,7 @@ def solve_with_priors(
     solution : BundleSolution
         Their fit.
     means, sigmas : ndarray of shape (n_shared,)
-        m and σ_s of every shared parameter; σ_s infinite where nothing is known.
+        m and σ_s of every shared parameter but the board's shape; σ_s infinite where nothing is known.
     max_iterations : int
         Limit on steps of each fit.
 
@@ -44,6 +44,8 @@ def solve_with_priors(
     bundle, solution
         With the priors.
     """
+    shape = bundle.G.shape[0] - len(means)  # of the board: nothing is known of it
+    means, sigmas = np.append(means, np.zeros(shape)), np.append(sigmas, np.full(shape, np.inf))
     freedom = max(1, 2 * len(bundle.points) - bundle.G.shape[1] - 6 * bundle.view_count)
     for _ in range(_ROUNDS):
         r = residuals(bundle, solution.state)

@@ -17,7 +17,7 @@ result its names.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -30,8 +30,8 @@ from stereocal.base.checks import Float, require_choice, require_positive
 from stereocal.base.errors import ConvergenceError, DegenerateGeometryError
 from stereocal.base.rotations import rotation_matrices
 from stereocal.camera.board_shape import BoardShape
-from stereocal.camera.board_shape_fit import board_shape_of, fit_shape
-from stereocal.camera.bundle import Bundle, residuals
+from stereocal.camera.board_shape_fit import board_shape_of
+from stereocal.camera.bundle import Bundle
 from stereocal.camera.bundle_problem import camera_of, make_bundle, whitening_of
 from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
 from stereocal.camera.calibration import CameraCalibration, calibrate_camera
@@ -41,7 +41,7 @@ from stereocal.camera.distortion import distortion_model
 from stereocal.camera.lens_doubts import lens_doubts
 from stereocal.camera.losses import LOSSES
 from stereocal.camera.model import Camera
-from stereocal.camera.outliers import RejectedCorner, report_rejected, solve_without_outliers
+from stereocal.camera.outliers import RejectedCorner
 from stereocal.camera.parameters import (
     fixed_names,
     free_columns,
@@ -51,7 +51,7 @@ from stereocal.camera.parameters import (
     with_shared_values,
 )
 from stereocal.camera.pose import estimate_poses
-from stereocal.camera.priors import solve_with_priors
+from stereocal.camera.refinements import refine_optimum
 from stereocal.pair.rig_inputs import fix_of_camera, spread_priors
 from stereocal.pair.rig_start import Poses, is_unsure, starting_state
 
@@ -212,20 +212,14 @@ def _finished(
     every: list[str], camera_names: Sequence[str], options: RigOptions,
 ) -> RigSolution:  # fmt: skip
     """From the joint optimum to the result: outliers, priors and the board's shape, where they are asked for."""
-    limits = {"max_iterations": options.max_iterations}
-    everything, kept, limit = bundle, None, np.inf
-    if options.reject_outliers:
-        factor = (
-            5.0 if options.reject_outliers is True else require_positive(options.reject_outliers, "reject_outliers")
-        )
-        bundle, solution, kept, limit = solve_without_outliers(
-            bundle, solution, factor, backend=options.backend, **limits
-        )
+    known = None
     if options.priors:
         known = prior_arrays(every, spread_priors(options.priors, every, camera_names))
-        bundle, solution = solve_with_priors(bundle, solution, *known, max_iterations=options.max_iterations)
-    bundle, solution, kind, held_out = fit_shape(bundle, solution, options.board_warp, **limits)
-    state = solution.state
+    refined = refine_optimum(
+        bundle, solution, board_warp=options.board_warp, reject_outliers=options.reject_outliers, priors=known,
+        max_iterations=options.max_iterations, backend=options.backend,
+    )  # fmt: skip
+    bundle, solution, state = refined.bundle, refined.solution, refined.solution.state
     joint = bundle_covariance(bundle, state, solution.equations)
     final = [camera_of(t, c.image_size, m) for t, c, m in zip(state.intrinsics, cameras, bundle.models, strict=True)]
     for name, camera, part in zip(camera_names, final, bundle.intrinsic_slices, strict=True):
@@ -235,10 +229,9 @@ def _finished(
             )
     rms, camera_rms, view_rms, of_cameras = _by_camera(bundle, -solution.equations.residuals)
     rejected: list[RejectedCorner] = []
-    if kept is not None:  # residuals of all corners, as they were passed in; the RMS is that of the corners kept
-        flat = -residuals(everything, replace(state, shape=np.zeros(0)))
-        of_cameras = _by_camera(everything, flat)[3]
-        rejected = report_rejected(everything, solution, kept, limit)
+    if not refined.kept.all():  # residuals of all corners, as they were passed in; the RMS is of the corners kept
+        of_cameras = _by_camera(refined.everything, -refined.residuals)[3]
+        rejected = refined.rejected()
     warnings = [
         f"{name}: {doubt}"
         for c, name in enumerate(camera_names)
@@ -247,7 +240,7 @@ def _finished(
     return RigSolution(
         cameras=final, R=state.R_rig, T=state.t_rig, solution=solution, joint=joint, rig_slices=bundle.rig_slices,
         rms=rms, camera_rms=camera_rms, view_rms=view_rms, residuals=of_cameras, alone=alone,
-        board=board_shape_of(bundle, state, kind, held_out, joint), rejected=rejected,
+        board=board_shape_of(bundle, state, refined.kind, refined.held_out_rms, joint), rejected=rejected,
         warnings=tuple(warnings),
     )  # fmt: skip
 

@@ -15,8 +15,8 @@ from strategies import seeds
 import stereocal as sc
 from stereocal.base.rotations import rotation_matrix
 from stereocal.camera.bundle import BundleState
-from stereocal.camera.bundle_problem import intrinsics_of, make_bundle
 from stereocal.camera.bundle_compiled import CompiledEngine
+from stereocal.camera.bundle_problem import intrinsics_of, make_bundle
 from stereocal.camera.bundle_solver import NumpyEngine
 from stereocal.camera.distortion import MODELS
 from stereocal.camera.parameters import intrinsic_names
@@ -284,6 +284,38 @@ def test_held_out_views_choose_the_shape_that_is_there(height: float, kind: str)
         plane = np.column_stack([X[:, :2], np.ones(len(X))])
         apart -= plane @ np.linalg.lstsq(plane, apart)[0]
         assert np.abs(apart).max() < 0.012
+
+
+@pytest.mark.parametrize("kind", ["bow", "released"])
+def test_a_bent_board_may_lack_corners_and_hold_false_ones(kind: str) -> None:
+    X = board()
+    bent = X + np.column_stack([np.zeros((len(X), 2)), 0.01 * (X[:, 0] - 4) ** 2])
+    corners, _ = mono_views(camera(), bent, 15, seed=4, noise=0.05)
+    seen = [np.ones(len(X), dtype=bool) for _ in corners]
+    for i in (0, 3, 9):
+        seen[i][[0, 5 * i + 2, len(X) - 1]] = False
+    corners[5][20] += (12, -7)
+    parts = [y[s] for y, s in zip(corners, seen, strict=True)]
+    found = sc.calibrate_camera([X[s] for s in seen], parts, SIZE, board_warp=kind, reject_outliers=True, fix="k3")
+    assert (5, 20) in [(r.view, r.point) for r in found.rejected]
+    assert (
+        len(found.rejected) <= 2
+    )  # released points take up some of the noise, which makes the largest error stand out
+    assert found.board.points.shape == X.shape
+    np.testing.assert_allclose(found.board.points[:, :2], X[:, :2], atol=0.02)
+    assert np.ptp(found.board.offsets[:, 2]) > 0.1
+    assert found.rms < 0.08
+    assert [len(d) for d in found.residuals] == [len(y) for y in parts]
+    np.testing.assert_allclose(found.residuals[5][20], (12, -7), atol=0.5)
+    assert max(np.abs(d).max() for i, d in enumerate(found.residuals) if i != 5) < 0.3
+
+
+def test_a_shape_needs_one_board() -> None:
+    X = board()
+    corners, _ = mono_views(camera(), X, 8, seed=4, noise=0.05)
+    objects = [*[X] * 7, X + np.array([0, 0.5, 0])]
+    with pytest.raises(sc.InputError, match="54 of 108 board points are seen fewer than 3 times"):
+        sc.calibrate_camera(objects, corners, SIZE, board_warp="bow")
 
 
 def test_a_lens_at_the_bound_of_its_model_is_held_there() -> None:

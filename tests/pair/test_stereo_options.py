@@ -149,3 +149,17 @@ def test_the_board_s_shape_is_found_with_both_cameras(kind: str) -> None:
     plane = np.column_stack([flat[:, :2], np.ones(len(flat))])
     apart -= plane @ np.linalg.lstsq(plane, apart)[0]
     assert np.abs(apart).max() < 0.015
+
+
+def test_false_corners_of_a_bent_board_are_left_out_and_the_rest_told_apart() -> None:
+    flat = board(7, 5)
+    bent = flat.copy()
+    bent[:, 2] = 0.06 * (flat[:, 0] / 3 - 1) ** 2
+    left, right, _ = stereo_views(rig(), bent, 8, seed=9, noise=0.05)
+    left[2][7] += (15, -9)
+    right[4][3] += (-8, 12)
+    found = sc.calibrate_stereo(flat, left, right, SIZE, board_warp="bow", reject_outliers=True)
+    assert {(r.camera, r.view, r.point) for r in found.rejected} == {(0, 2, 7), (1, 4, 3)}
+    assert found.rms < 0.075
+    np.testing.assert_allclose(found.residuals[0][2][7], (15, -9), atol=0.5)
+    assert np.median(np.abs(found.residuals[1][4])) < 0.08
