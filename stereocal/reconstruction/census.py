@@ -143,22 +143,22 @@ def census_planes(
 
     height, width = gray.shape
     (ry, rx) = (max(abs(place[axis]) for place in places) for axis in (0, 1))
-    padded = _with_margin(gray, ry, rx, -width % PIXELS_AT_A_TIME)
+    padded = with_margin(gray, ry, rx, rx + -width % PIXELS_AT_A_TIME)
     offsets = np.array([v * padded.shape[1] + (-u if flipped else u) for v, u in places])
     planes = np.empty((-(-len(places) // 8), height, padded.shape[1] - 2 * rx), np.uint8)
     kernels.census_planes(padded, threshold, ry, rx, offsets, lanes_of(PIXELS_AT_A_TIME), PIXELS_AT_A_TIME, planes)
     return planes
 
 
-def _with_margin(gray: NDArray[np.uint8], ry: int, rx: int, more: int) -> NDArray[np.uint8]:
-    """``np.pad(gray, ((ry, ry), (rx, rx + more)), mode="edge")``, which is slow on small images."""
+def with_margin(gray: NDArray[np.uint8], rows: int, left: int, right: int) -> NDArray[np.uint8]:
+    """``np.pad(gray, ((rows, rows), (left, right)), mode="edge")``, which is slow on small images."""
     height, width = gray.shape
-    padded = np.empty((height + 2 * ry, width + 2 * rx + more), np.uint8)
-    padded[ry : ry + height, rx : rx + width] = gray
-    padded[ry : ry + height, :rx] = gray[:, :1]
-    padded[ry : ry + height, rx + width :] = gray[:, -1:]
-    padded[:ry] = padded[ry]
-    padded[ry + height :] = padded[ry + height - 1]
+    padded = np.empty((height + 2 * rows, left + width + right), np.uint8)
+    padded[rows : rows + height, left : left + width] = gray
+    padded[rows : rows + height, :left] = gray[:, :1]
+    padded[rows : rows + height, left + width :] = gray[:, -1:]
+    padded[:rows] = padded[rows]
+    padded[rows + height :] = padded[rows + height - 1]
     return padded
 
 

@@ -45,7 +45,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocal.base.errors import InputError
-from stereocal.reconstruction.census import PIXELS_AT_A_TIME, census_planes, census_transform, neighbours
+from stereocal.reconstruction.census import (
+    PIXELS_AT_A_TIME,
+    census_planes,
+    census_transform,
+    neighbours,
+    with_margin,
+)
 
 Gray = NDArray[np.uint8]
 
@@ -215,7 +221,7 @@ def prepare_pair(
     height, width = left.shape
     lanes = lanes_for(num_disparities)
     before = max(0, -min_disparity)
-    flipped = np.pad(right[:, ::-1], ((0, 0), (before, max(0, min_disparity + lanes))), mode="edge")
+    flipped = with_margin(right[:, ::-1], 0, before, max(0, min_disparity + lanes))
     right_planes = _planes(flipped, recipe, flipped=True)
     left_planes = _planes(left, recipe)
     inside = np.zeros(max(plane.shape[2] for plane in right_planes), np.uint8)
@@ -248,7 +254,7 @@ def _levels_u8(image: Gray, half_pixel: bool) -> Gray:
     from stereocal.reconstruction.vector_primitives import lanes_of
 
     height, width = image.shape
-    padded = np.pad(image, ((0, 0), (1, 1 + -width % PIXELS_AT_A_TIME)), mode="edge")
+    padded = with_margin(image, 0, 1, 1 + -width % PIXELS_AT_A_TIME)
     levels = np.empty((3, height, padded.shape[1] - 2), np.uint8)
     if half_pixel:
         kernels.half_pixel_levels(padded, lanes_of(PIXELS_AT_A_TIME), PIXELS_AT_A_TIME, levels)

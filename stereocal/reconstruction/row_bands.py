@@ -49,7 +49,7 @@ def run_bands(work: Callable[[range], object], rows: range, threads: int | None,
         return
     cuts = [rows.start + len(rows) * i // bands for i in range(bands + 1)]
     first, *others = (range(a, b) for a, b in pairwise(cuts))
-    pool = _pool(bands - 1, os.getpid())
+    pool = kept_pool(bands - 1)
     running = [pool.submit(work, band) for band in others]
     try:
         work(first)
@@ -58,6 +58,11 @@ def run_bands(work: Callable[[range], object], rows: range, threads: int | None,
             band.exception()  # none may still write when this returns
     for band in running:
         band.result()
+
+
+def kept_pool(workers: int) -> ThreadPoolExecutor:
+    """Return a pool of threads that is kept from call to call."""
+    return _pool(workers, os.getpid())
 
 
 @lru_cache(maxsize=2)

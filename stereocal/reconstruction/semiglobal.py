@@ -133,7 +133,8 @@ def match_sgm(
     noise, other exposures, blur and rows that are off (``benchmarks/study_matching_conditions.py``).
 
     A blank region takes over the disparity of what surrounds it, however far: that is what the smoothness is for. It
-    also fills the black margin of a rectified image, so mask that by where the maps point outside the photograph.
+    also fills the black margin of a rectified image, so mask that by where the maps point outside the photograph. A
+    blank patch that is joined to nothing with texture is not believed.
 
     Examples
     --------

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import math
 import threading
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
@@ -204,12 +203,9 @@ class Stream:
                 self.finish(n)
         else:
             self.prepare(0)
-            with ThreadPoolExecutor(1) as pool:
-                for n in range(len(self.strips)):
-                    next_one = pool.submit(self.prepare, n + 1) if n + 1 < len(self.strips) else None
-                    self.finish(n)
-                    if next_one:
-                        next_one.result()
+            for n in range(len(self.strips)):
+                following = [partial(self.prepare, n + 1)] if n + 1 < len(self.strips) else []
+                run_together([partial(self.finish, n), *following], threads)
         for sweeper in self.sweepers:
             return_memory(sweeper.memory)
 

@@ -28,7 +28,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -39,6 +38,7 @@ from numpy.typing import NDArray
 
 from stereocal.base.checks import require_integer
 from stereocal.reconstruction.matching_costs import Gray, PixelCost, PreparedPair, cost_rows, prepare_pair
+from stereocal.reconstruction.row_bands import kept_pool
 
 Disparity = NDArray[np.float32]
 
@@ -208,6 +208,12 @@ def run_together(jobs: Sequence[Callable[[], Any]], threads: int) -> None:
         for job in jobs:
             job()
         return
-    with ThreadPoolExecutor(len(jobs)) as pool:
-        for done in [pool.submit(job) for job in jobs]:
-            done.result()
+    pool = kept_pool(len(jobs) - 1)
+    others = [pool.submit(job) for job in jobs[1:]]
+    try:
+        jobs[0]()
+    finally:
+        for other in others:
+            other.exception()  # none may still write when this returns
+    for other in others:
+        other.result()
