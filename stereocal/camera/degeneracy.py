@@ -19,7 +19,9 @@ from parallel boards, in principle: far too weakly to be trusted, and the views 
 **Is the focal length sure to within a half?** Otherwise it is refused too. If the boards are well tilted and it would
 be sure with the lens's coefficients held, tilts are not what is missing: the model has coefficients that these views
 cannot tell apart (a rational model on a mild lens: numerator and denominator grow together without end), and a simpler
-model is the answer.
+model is the answer. As long as the lens draws its corners at about the scale of its focal length, though, it is the
+coefficients alone that are open, and the camera is good for every pixel: it is returned, with a warning
+(``lens_doubts``).
 
 Corners that fit exactly (synthetic ones) prove nothing: both questions are put for errors of at least 0.01 px.
 
@@ -35,6 +37,7 @@ from stereocal.base.errors import DegenerateGeometryError
 from stereocal.camera.bundle import Bundle, BundleState, NormalEquations
 from stereocal.camera.bundle_solver import schur_complement
 from stereocal.camera.covariance import BundleCovariance
+from stereocal.camera.lens_doubts import squared_radii
 
 ADVICE = "photograph the board tilted by 30 to 45 degrees, to a different side each time"
 
@@ -49,6 +52,8 @@ _CLEARLY_TILTED = 0.35
 _PARALLEL = np.radians(1.0)
 # Tilts against each other that suffice for a focal length.
 _ENOUGH = np.radians(20.0)
+# The scale at which a lens draws its corners may differ from that of its centre by this factor.
+_LIKE_ITSELF = 2.0
 # A focal length of more widths than this is that of no camera: it ran away.
 _LONGEST = 100.0
 
@@ -87,6 +92,8 @@ def refuse_degenerate(
         return
     model = bundle.models[0]
     if _widest_tilt(state) > _ENOUGH and _doubt_with_lens_held(bundle, equations, joint) < 0.05 * fy:
+        if _draws_at_its_focal_length(bundle, state):
+            return  # coefficients alone are open, which ``lens_doubts`` says
         raise DegenerateGeometryError(
             f"{_views(state)} do not determine the {model.parameter_count} coefficients of model {model.name!r}: they "
             f"grow without end and take the focal length along (fy = {fy:.3g} ± {doubt:.2g} pixels); choose a model "
@@ -159,10 +166,25 @@ def _doubt_with_lens_held(bundle: Bundle, equations: NormalEquations, joint: Bun
     try:
         S = schur_complement(equations)[0][np.ix_(~of_lens, ~of_lens)]
         g = bundle.G[1, ~of_lens]
-        variance = float(g @ np.linalg.solve(S, g)) * max(joint.variance, _LEAST_NOISE**2)
+        noise = equations.cost / joint.degrees_of_freedom  # joint.variance is infinite where any unknown is open
+        variance = float(g @ np.linalg.solve(S, g)) * max(noise, _LEAST_NOISE**2)
     except np.linalg.LinAlgError:
         return float(np.inf)
     return float(np.sqrt(variance)) if variance > 0 else float(np.inf)
+
+
+def _draws_at_its_focal_length(bundle: Bundle, state: BundleState) -> bool:
+    """Whether a rational lens draws the corners at about the scale that fy says: 1 at the centre, f(s) where they are.
+
+    Coefficients that grow without end leave the 1 in numerator and denominator behind: f is then 1 at a centre that
+    nothing shows, another number everywhere else, and fy follows no measurement.
+    """
+    if "k6" not in bundle.models[0].parameter_names:
+        return False
+    s = float(np.median(squared_radii(bundle, state, 0)))
+    k = state.intrinsics[0][5:]
+    f = (1 + s * (k[0] + s * (k[1] + s * k[4]))) / (1 + s * (k[5] + s * (k[6] + s * k[7])))
+    return bool(1 / _LIKE_ITSELF < f < _LIKE_ITSELF)
 
 
 def _views(state: BundleState) -> str:

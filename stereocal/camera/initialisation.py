@@ -39,7 +39,6 @@ from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
 from stereocal.camera.camera_starts import Start, closed_form_starts, focal_search, lens_search, plausible
 from stereocal.camera.covariance import half_of_inverse
 from stereocal.camera.distortion_base import DistortionModel
-from stereocal.camera.kink_starts import kink_starts
 from stereocal.camera.lens_starts import (
     SMALLER,
     staged_start,
@@ -119,12 +118,6 @@ def solve_from_starts(
             break
     if best is None:
         best = _polished(bundle, tried, max_iterations, backend)
-        if best is not None and lens.name in SMALLER and max_iterations > _TRIAL_STEPS:
-            tried = [
-                solve_bundle(bundle, state, max_iterations=_TRIAL_STEPS, backend=backend)
-                for state in kink_starts(bundle, best.state)
-            ]
-            best = _polished(bundle, [best, *tried], max_iterations, backend)
     if best is not None and np.isfinite(best.cost):
         best = solve_with_reversals(bundle, best, backend, rounds=_REVERSALS, steps=max_iterations)
     if best is None or not np.isfinite(best.cost):

@@ -67,13 +67,19 @@ def lens_doubts(
     part = bundle.intrinsic_slices[camera]
     own = covariance[part, part]
     if not np.all(np.isfinite(own)):
-        return ("the corners leave no uncertainty to tell: as many unknowns as measurements, or one without influence",)
+        return ("no standard deviations can be given: as many unknowns as measurements, or one without influence",)
     std = np.sqrt(np.diag(own))
     found = []
     if max(std[2:4]) > _ADRIFT * max(size):
         found.append(
             f"the principal point is not determined well (± {std[2]:.0f}, {std[3]:.0f} px): it trades with the boards' "
             "turns and the lens; more tilt, a larger part of the image, or fix='principal_point' would settle it"
+        )
+    fy = float(state.intrinsics[camera][1])
+    if std[1] > _ADRIFT * abs(fy) and model.parameter_count >= _MANY_COEFFICIENTS:
+        found.append(
+            f"the focal length is open along with the lens's coefficients (fy = {fy:.4g} ± {std[1]:.2g}), and standard "
+            f"deviations mean nothing; these views do not need model {model.name!r}, 'brown' has fewer coefficients"
         )
     if model.parameter_count >= _MANY_COEFFICIENTS:
         if "k6" in model.parameter_names:
