@@ -39,6 +39,7 @@ Beyond the image, rows and columns of costs are copies of the outermost.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -91,7 +92,7 @@ class PixelCost:
     sparse: bool = True
     threshold: int = 0
 
-    @property
+    @cached_property
     def bits(self) -> int:
         """The length of the census code."""
         return len(neighbours(self.window, self.sparse))

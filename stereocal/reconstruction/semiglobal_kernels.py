@@ -49,7 +49,7 @@ def extend_path(cost, before, P1, P2, most):
 
 @njit(cache=True, nogil=True)
 def sweep_rows(
-    cost, guide, penalties, P1, top, rows, with_vertical, with_diagonals, lanes, state, total, mode, sums,
+    cost, guide, penalties, P1, top, rows, with_diagonals, lanes, state, total, mode, sums,
     count, min_disparity, uniqueness_ratio, subpixel, tolerance, start, inside, beyond, right_least, found,
     out,
 ):  # fmt: skip
@@ -69,8 +69,8 @@ def sweep_rows(
     rows : (first, end)
         The rows in the order in which they are visited, `end` not included: downwards if first < end, with x going
         right; upwards otherwise, with x going left.
-    with_vertical, with_diagonals : bool
-        Whether the path along the column, and the two diagonal ones, are among the paths.
+    with_diagonals : bool
+        Whether the two diagonal paths are followed beside those along the row and the column.
     lanes : tuple
         The lanes, as a type.
     state : (3 · (W + 2) · lanes,) uint8
@@ -114,11 +114,10 @@ def sweep_rows(
             L = extend_path(C, along, small, P2, most)
             along = less_smallest(L)
             S = widen(L, wide)
-            if with_vertical:
-                P2 = fill_from(penalties, value - np.int64(element(guide, above + x)), none)
-                L = extend_path(C, load(state, vertical + at, lanes), small, P2, most)
-                store(less_smallest(L), state, vertical + at)
-                S = S + widen(L, wide)
+            P2 = fill_from(penalties, value - np.int64(element(guide, above + x)), none)
+            L = extend_path(C, load(state, vertical + at, lanes), small, P2, most)
+            store(less_smallest(L), state, vertical + at)
+            S = S + widen(L, wide)
             if with_diagonals:
                 P2 = fill_from(penalties, value - np.int64(element(guide, above + x - step)), none)
                 L = extend_path(C, from_behind, small, P2, most)
@@ -140,6 +139,47 @@ def sweep_rows(
                 sums, 0, count, min_disparity, uniqueness_ratio, subpixel, tolerance, start, inside, beyond,
                 right_least, found, lanes, out[y],
             )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def follow_from_right(cost, guide, penalties, P1, rows, width, lanes, total):
+    """Follow the path that comes from the right alone, and write its L.
+
+    Each pixel of a path waits for the one before it. So two rows are followed at once, and one is worked on while the
+    other waits.
+
+    Parameters
+    ----------
+    cost, guide, penalties, P1, lanes, total
+        As in :func:`sweep_rows`.
+    rows : (first, end)
+        The rows of the strip.
+    width : int
+        W.
+    """
+    first, end = rows
+    D = 16 * len(lanes)
+    none = load(cost, 0, lanes)
+    none = none - none
+    wide = widen(none, load(total, 0, lanes))
+    most = fill(255, none)
+    small = fill(P1, none)
+    for y in range(first, end, 2):
+        y_other = min(y + 1, end - 1)  # the last row of an odd number is done twice
+        row, row_other = (y - first) * width * D, (y_other - first) * width * D
+        pixel, pixel_other = (y + 1) * (width + 2) + 1, (y_other + 1) * (width + 2) + 1
+        along, along_other = none, none
+        for x in range(width - 1, -1, -1):
+            step = np.int64(element(guide, pixel + x)) - np.int64(element(guide, pixel + x + 1))
+            P2 = fill_from(penalties, 255 + step, none)
+            L = extend_path(load(cost, row + x * D, lanes), along, small, P2, most)
+            along = less_smallest(L)
+            store(widen(L, wide), total, row + x * D)
+            step = np.int64(element(guide, pixel_other + x)) - np.int64(element(guide, pixel_other + x + 1))
+            P2 = fill_from(penalties, 255 + step, none)
+            L = extend_path(load(cost, row_other + x * D, lanes), along_other, small, P2, most)
+            along_other = less_smallest(L)
+            store(widen(L, wide), total, row_other + x * D)
 
 
 @njit(cache=True, nogil=True)

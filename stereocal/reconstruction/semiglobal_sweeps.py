@@ -165,12 +165,21 @@ class Sweeper:
         from stereocal.reconstruction import semiglobal_kernels as kernels
         from stereocal.reconstruction.vector_primitives import lanes_of
 
-        with_vertical = self.paths != 5 or step > 0
         rows = strip if step > 0 else (strip[1] - 1, strip[0] - 1)
         kernels.sweep_rows(
-            self.cost.reshape(-1), self.guide, self.penalties, self.P1, strip[0], rows, with_vertical,
-            with_vertical and self.paths != 4, lanes_of(self.pair.lanes), state, self.total, mode, self.sums,
+            self.cost.reshape(-1), self.guide, self.penalties, self.P1, strip[0], rows,
+            self.paths != 4, lanes_of(self.pair.lanes), state, self.total, mode, self.sums,
             *self.selector.arguments, self.disparity,
+        )  # fmt: skip
+
+    def follow_from_right(self, strip: tuple[int, int]) -> None:
+        """Follow the path from the right through a strip, and store its L as the sums."""
+        from stereocal.reconstruction import semiglobal_kernels as kernels
+        from stereocal.reconstruction.vector_primitives import lanes_of
+
+        kernels.follow_from_right(
+            self.cost.reshape(-1), self.guide, self.penalties, self.P1, strip, self.disparity.shape[1],
+            lanes_of(self.pair.lanes), self.total,
         )  # fmt: skip
 
 
@@ -213,7 +222,7 @@ class Stream:
         """Compute the costs of strip n, and follow its paths from the right."""
         sweeper = self.sweepers[n % 2]
         sweeper.fill_costs(self.strips[n])
-        sweeper.sweep(self.strips[n], -1, self.state, STORE)
+        sweeper.follow_from_right(self.strips[n])
 
     def finish(self, n: int) -> None:
         """Follow the paths from the left and from above through strip n, and take its winners."""
