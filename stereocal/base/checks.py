@@ -104,8 +104,11 @@ def as_image_size(image_size: Any, name: str = "image_size") -> tuple[int, int]:
     """Return (width, height) as two positive ints."""
     try:
         width, height = (int(side) for side in image_size)
-    except (TypeError, ValueError) as error:
+        whole = (width, height) == tuple(image_size)
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{name} must be (width, height), not {image_size!r}") from error
+    if not whole:
+        raise InputError(f"{name} must be whole numbers of pixels, not {tuple(image_size)}")
     if width <= 0 or height <= 0:
         raise InputError(f"{name} must be positive, but is {width}x{height}")
     return width, height

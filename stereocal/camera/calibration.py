@@ -28,7 +28,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stereocal.base.checks import Float, as_image_size, require_choice, require_positive
+from stereocal.base.checks import Float, as_image_size, require_choice, require_integer, require_positive
 from stereocal.base.errors import DegenerateGeometryError, InputError
 from stereocal.camera.board_shape import BoardShape, board_line
 from stereocal.camera.board_shape_fit import board_shape_of
@@ -193,9 +193,9 @@ def calibrate_camera(
     InputError
         If an argument has the wrong shape or value.
     DegenerateGeometryError
-        If the views do not determine the camera: fewer than three (one, where the principal point is held), all
-        parallel (see ``degeneracy``), or a view whose points lie on one line. The message names the views and says what
-        to photograph.
+        If the views do not determine the camera: fewer than two (one, where the principal point is held; three with
+        skew and no lens), all parallel (see ``degeneracy``), or a view whose points lie on one line. The message names
+        the views and says what to photograph.
     ConvergenceError
         If no start leads to an optimum.
 
@@ -227,11 +227,13 @@ def calibrate_camera(
     if aspect_ratio is not None:
         require_positive(aspect_ratio, "aspect_ratio")
     held = fixed_names(lens, fix, skew=skew)
-    names = intrinsic_names(lens)
-    _require_views(images, held)
+    require_integer(max_iterations, "max_iterations", minimum=1)
+    names, G = intrinsic_names(lens), free_columns(intrinsic_names(lens), held, aspect_ratio)
+    known = prior_arrays(names, priors) if priors else None
+    _require_views(images, G, known)
     if "fx" in held and initial is None:
         raise InputError("fix names the focal length, but no value is given: pass initial=Camera(...)")
-    bundle = make_bundle([lens], [objects], [images], free_columns(names, held, aspect_ratio))
+    bundle = make_bundle([lens], [objects], [images], G)
     bundle.loss, bundle.loss_scale = loss, require_positive(loss_scale, "loss_scale")
     bundle.whitening = whitening_of([covariances], [images])
 
@@ -240,11 +242,11 @@ def calibrate_camera(
             bundle, lens, held, size, aspect_ratio=aspect_ratio, max_iterations=max_iterations, backend=backend
         )
     else:
-        state = _given_state(objects, images, initial, lens, held)
+        state = _given_state(objects, images, initial, lens, held, size)
         solution = solve_bundle(bundle, state, max_iterations=max_iterations, backend=backend)
     refined = refine_optimum(
         bundle, solution, board_warp=board_warp, reject_outliers=reject_outliers,
-        priors=prior_arrays(names, priors) if priors else None, max_iterations=max_iterations, backend=backend,
+        priors=known, max_iterations=max_iterations, backend=backend,
     )  # fmt: skip
     result = _result(refined.bundle, refined.solution, size, lens, names, refined.kind, refined.held_out_rms)
     if not refined.kept.all():  # residuals of all corners, as they were passed in; the RMS is of the corners kept
@@ -253,13 +255,19 @@ def calibrate_camera(
     return result
 
 
-def _require_views(images: list[Float], held: set[str]) -> None:
+def _require_views(images: list[Float], G: Float, known: tuple[Float, Float] | None) -> None:
+    """Refuse fewer views than there are pairs of unknowns in K: each gives two equations (``zhang``).
+
+    With skew and a lens two will do: the lens shows where its centre is.
+    """
     if not images:
-        raise InputError("image_points is empty; at least three views are needed")
+        raise InputError("image_points is empty; at least two views are needed")
     missed = [i for i, y in enumerate(images) if len(y) == 0]
     if missed:
         raise InputError(f"image_points has no corners in view {', '.join(map(str, missed))}; leave these views out")
-    needed = 1 if {"cx", "cy"} <= held else 3
+    open_ones = G[:5] if known is None else G[:5][np.isinf(known[1][:5])]
+    needed = -(-int(np.count_nonzero(open_ones.any(axis=0))) // 2)
+    needed = min(needed, 2) if G[5:].any() else needed
     if len(images) < needed:
         raise DegenerateGeometryError(
             f"{len(images)} view{'s are' if len(images) > 1 else ' is'} too few: {needed} are needed, or "
@@ -268,9 +276,14 @@ def _require_views(images: list[Float], held: set[str]) -> None:
 
 
 def _given_state(
-    objects: list[Float], images: list[Float], initial: Camera, lens: DistortionModel, held: set[str]
-) -> BundleState:
+    objects: list[Float], images: list[Float], initial: Camera, lens: DistortionModel, held: set[str],
+    size: tuple[int, int],
+) -> BundleState:  # fmt: skip
     """The start from a camera that the user gave; its lens counts where it is of the same model."""
+    if not isinstance(initial, Camera):
+        raise InputError(f"initial must be a Camera(K, dist, image_size), not {type(initial).__name__}")
+    if initial.image_size != size:
+        raise InputError(f"initial is a camera of {initial.image_size} pixels, but image_size is {size}; scale it")
     R, t = initial_poses(objects, images, initial)
     theta = np.concatenate([intrinsics_of(initial)[:5], first_lens(lens, held)])
     if initial.model == lens.name:

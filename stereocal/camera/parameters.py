@@ -197,10 +197,14 @@ def prior_arrays(names: Sequence[str], priors: Mapping[str, tuple[float, float]]
         If a name is unknown or a sigma is not above 0.
     """
     means, sigmas = np.zeros(len(names)), np.full(len(names), np.inf)
-    for name, (mean, sigma) in priors.items():
+    for name, known in priors.items():
         if name not in names:
             raise InputError(f"priors name {name!r}; there is {', '.join(names)}")
-        if not sigma > 0:
-            raise InputError(f"the prior of {name!r} needs a standard deviation above 0, not {sigma!r}")
+        try:
+            mean, sigma = (float(number) for number in known)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"the prior of {name!r} must be (mean, standard deviation), not {known!r}") from error
+        if not (sigma > 0 and np.isfinite(mean)):
+            raise InputError(f"the prior of {name!r} needs a finite mean and a deviation above 0, not {known!r}")
         means[names.index(name)], sigmas[names.index(name)] = mean, sigma
     return means, sigmas

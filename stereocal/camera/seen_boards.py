@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stereocal.base.checks import Float
-from stereocal.base.errors import DegenerateGeometryError
+from stereocal.base.errors import DegenerateGeometryError, InputError
 from stereocal.camera.bundle import Bundle
 from stereocal.camera.homography import fit_homography
 from stereocal.camera.zhang import poses_of_homographies
@@ -106,6 +106,12 @@ def seen_boards(bundle: Bundle, *, backend: str = "numba") -> SeenBoards:
             except DegenerateGeometryError:
                 bad[i] = True
     if bad.any():
+        spread = np.ptp(bundle.points, axis=0)
+        if spread[2] > 0.1 * spread[:2].max():
+            raise InputError(
+                "object_points must lie in the plane z = 0, x and y across the board, but they span "
+                f"{spread[0]:.4g} x {spread[1]:.4g} x {spread[2]:.4g}"
+            )
         raise DegenerateGeometryError(
             f"the points of view {', '.join(map(str, bundle.view_of_block[bad]))} lie on one line, in the board or in "
             "the image, which fixes no pose; leave these views out, or photograph the board less edge-on"

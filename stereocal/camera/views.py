@@ -42,7 +42,11 @@ def as_views(
         If the lists differ in length or the arrays in their number of points, or any is not finite.
     """
     name = names[0] if names else "image_points"
-    views = list(image_points)
+    try:
+        views = list(image_points)
+    except TypeError as error:
+        kind = type(image_points).__name__
+        raise InputError(f"{name} must be a list of (N, 2) arrays, one a view, not {kind}") from error
     fast = _alike(object_points, views)
     if fast is not None:
         return fast
@@ -75,8 +79,9 @@ def _alike(
         return None
     board = np.ascontiguousarray(one, dtype=np.float64)
     try:
-        stacked = np.array(views, dtype=np.float64)
-    except (TypeError, ValueError):  # of several lengths, or missed: view by view, then
+        stacked = np.array(views)
+        stacked = stacked.astype(np.float64, casting="same_kind" if stacked.dtype.kind == "c" else "unsafe")
+    except (TypeError, ValueError):  # of several lengths, missed, or no real numbers: view by view, then
         return None
     if stacked.size != 2 * len(views) * len(board) or stacked.shape[-1] != 2 or len(board) < MIN_POINTS:
         return None
@@ -91,6 +96,8 @@ def _boards(object_points: ArrayLike | Sequence[ArrayLike], count: int) -> list[
         one = object_points.ndim == 2 or object_points.shape[0] == 1 or count != object_points.shape[0]
         if one:
             return [as_points(object_points, 3, "object_points", minimum=MIN_POINTS)] * count
+    if object_points is None:
+        raise InputError("object_points must be an (N, 3) array of the board's points, or one a view, not None")
     items = list(object_points)  # type: ignore[arg-type]
     if items and np.ndim(items[0]) == 1:
         return [as_points(np.asarray(items), 3, "object_points", minimum=MIN_POINTS)] * count

@@ -216,7 +216,11 @@ def test_shapes_of_opencv_users_are_accepted() -> None:
 @pytest.mark.parametrize(
     ("break_it", "error", "message"),
     [
-        (lambda X, y: (X, y[:2]), sc.DegenerateGeometryError, "2 views are too few: 3 are needed"),
+        (lambda X, y: (X, y[:1]), sc.DegenerateGeometryError, "1 view is too few: 2 are needed"),
+        (lambda X, y: (X, None), sc.InputError, "image_points must be a list of"),
+        (lambda X, y: (None, y), sc.InputError, "object_points must be an"),
+        (lambda X, y: (X, [1j * c for c in y]), sc.InputError, r"image_points\[0\] must be an .* of real numbers"),
+        (lambda X, y: (X[:, [0, 2, 1]], y), sc.InputError, "must lie in the plane z = 0"),
         (lambda X, y: (X, []), sc.InputError, "empty"),
         (lambda X, y: (X, [*y[:3], y[3][:20]]), sc.InputError, r"image_points\[3\] holds 20 points"),
         (lambda X, y: (X, [*y[:3], y[3] * np.nan]), sc.InputError, "NaN"),
@@ -230,6 +234,55 @@ def test_bad_input_is_named(break_it, error, message: str) -> None:
     objects, images = break_it(X, corners)
     with pytest.raises(error, match=message):
         sc.calibrate_camera(objects, images, SIZE)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"initial": np.eye(3)}, "initial must be a Camera"),
+        ({"initial": sc.Camera(np.diag([500.0, 500, 1]), None, (320, 240))}, r"initial is a camera of \(320, 240\)"),
+        ({"priors": {"fx": 500}}, r"prior of 'fx' must be \(mean, standard deviation\)"),
+        ({"priors": {"fx": (np.nan, 1)}}, "prior of 'fx' needs a finite mean"),
+        ({"priors": {"fx": (500, 0)}}, "prior of 'fx' needs a finite mean and a deviation above 0"),
+        ({"max_iterations": 0}, "max_iterations must be at least 1"),
+    ],
+)
+def test_bad_options_are_named(options, message: str) -> None:
+    X = board()
+    corners, _ = mono_views(camera(), X, 4, seed=6)
+    with pytest.raises(sc.InputError, match=message):
+        sc.calibrate_camera(X, corners, SIZE, **options)
+
+
+def test_an_image_size_is_whole() -> None:
+    X = board()
+    corners, _ = mono_views(camera(), X, 4, seed=6)
+    with pytest.raises(sc.InputError, match="image_size must be whole numbers"):
+        sc.calibrate_camera(X, corners, (640.5, 480))
+
+
+def test_how_many_views_suffice() -> None:
+    X, cam = board(), camera()
+    corners, _ = mono_views(cam, X, 4, seed=6, noise=0.0)
+    two = sc.calibrate_camera(X, corners[:2], SIZE)
+    np.testing.assert_allclose(two.camera.K, cam.K, atol=1e-3)
+    with pytest.raises(sc.DegenerateGeometryError, match="2 views are too few: 3 are needed"):
+        sc.calibrate_camera(X, corners[:2], SIZE, model="pinhole", skew=True)
+    with pytest.raises(sc.DegenerateGeometryError, match="1 view is too few"):
+        sc.calibrate_camera(X, corners[:1], SIZE)
+    known = {"cx": (cam.cx, 0.01), "cy": (cam.cy, 0.01)}
+    one = sc.calibrate_camera(X, corners[:1], SIZE, priors=known, fix=("k2", "p1", "p2", "k3"), initial=cam)
+    np.testing.assert_allclose(one.camera.K, cam.K, rtol=1e-3)
+
+
+def test_two_of_zhangs_views(data: Path) -> None:
+    """RMS as least squares by SciPy have it, with skew (REFERENCE.md)."""
+    plane = np.loadtxt(data / "zhang" / "Model.txt").reshape(-1, 2)
+    X = np.column_stack([plane, np.zeros(len(plane))])
+    corners = [np.loadtxt(data / "zhang" / f"data{i}.txt").reshape(-1, 2) for i in (1, 2)]
+    found = sc.calibrate_camera(X, corners, SIZE, model="polynomial", skew=True)
+    assert found.rms == pytest.approx(0.29402, abs=1e-5)
+    assert found.camera.fx == pytest.approx(836.0315, abs=1e-3)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.2])
