@@ -5,7 +5,8 @@ At the optimum the unknowns scatter, to first order, with the covariance σ² A�
     σ² = F / (residual components − unknowns)
 
 is estimated from what is left over (a point has two components; a pose has six unknowns; a fixed parameter is none; a
-prior counts as one component). By blocks, with S = U − Σ W V⁻¹ Wᵀ the Schur complement,
+prior counts as one component; for robust losses see ``losses``). By blocks, with S = U − Σ W V⁻¹ Wᵀ the Schur
+complement,
 
     Cov(z)       = σ² S⁻¹,
     Cov(z, v)    = −σ² S⁻¹ W_v V_v⁻¹,
@@ -30,6 +31,7 @@ from stereocal.base.checks import Float
 from stereocal.base.rotations import left_jacobian_inverse, rotation_vectors
 from stereocal.camera.bundle import Bundle, BundleState, NormalEquations
 from stereocal.camera.bundle_solver import schur_complement
+from stereocal.camera.losses import robust_variance
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +85,11 @@ def bundle_covariance(bundle: Bundle, state: BundleState, equations: NormalEquat
         shapes = ((n, n), (bundle.view_count, n, 6), (bundle.view_count, 6, 6))
         return BundleCovariance(np.inf, freedom, *(np.full(shape, np.inf) for shape in shapes))
     variance = equations.cost / freedom
+    if bundle.loss != "linear":
+        r = equations.residuals
+        if bundle.whitening is not None:
+            r = np.einsum("nij,nj->ni", bundle.whitening, r)
+        variance = robust_variance(np.sum(r * r, axis=1), bundle.loss, bundle.loss_scale, freedom)
     G_half = bundle.G @ half
     shared = G_half @ G_half.T
     cross, views = pose_covariances(G_half, half, state.rvecs, equations)

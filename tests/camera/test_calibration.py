@@ -163,6 +163,25 @@ def test_a_flat_valley_is_followed_to_its_end(data: Path, model: str) -> None:
     assert "NOT converged (iterations)" in early.summary()
 
 
+@pytest.mark.parametrize(("loss", "scale"), [("huber", 0.3), ("cauchy", 1.0)])
+def test_robust_losses_say_how_sure_they_are(loss: str, scale: float) -> None:
+    """Two corners of 54 are off by 8 px: the scatter over many noises is what the covariance says, not half of it."""
+    X, cam = board(), camera(dist=(-0.2, 0.05, 0, 0, 0))
+    clean, _ = mono_views(cam, X, 6, seed=1, noise=0.0)
+    free, of_camera = ["fx", "fy", "cx", "cy", "k1"], [cam.fx, cam.fy, cam.cx, cam.cy, -0.2]
+    scores = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        corners = [y + rng.normal(0, 0.2, y.shape) for y in clean]
+        for y in corners:
+            y[rng.choice(len(y), 2, replace=False)] += rng.normal(0, 8, (2, 2))
+        found = sc.calibrate_camera(X, corners, SIZE, loss=loss, loss_scale=scale, fix=("p1", "p2", "k3"))
+        values = [found.camera.fx, found.camera.fy, found.camera.cx, found.camera.cy, found.camera.dist[0]]
+        scores.append((np.array(values) - of_camera) / [found.std[found.parameter_names.index(n)] for n in free])
+    spread = float(np.sqrt(np.mean(np.square(scores))))
+    assert 0.8 < spread < 1.25
+
+
 def test_robust_losses_forgive_a_gross_error() -> None:
     X = board()
     corners, _ = mono_views(camera(), X, 10, seed=1, noise=0.1)
