@@ -19,7 +19,15 @@ from stereocal.reconstruction.vector_lanes import (
     narrow,
     subtract_saturated,
 )
-from stereocal.reconstruction.vector_primitives import lanes_of, load, maximum, store
+from stereocal.reconstruction.vector_primitives import (
+    absolute_difference,
+    absolute_difference_of_halves,
+    copy_four,
+    lanes_of,
+    load,
+    maximum,
+    store,
+)
 
 pytestmark = pytest.mark.skipif(config.DISABLE_JIT, reason="vectors exist in compiled code alone")
 
@@ -76,3 +84,31 @@ def test_narrow_keeps_the_low_bits() -> None:
     out = np.zeros(48, np.uint8)
     _narrow(a, lanes_of(48), out)
     np.testing.assert_array_equal(out, a & 255)
+
+
+@njit
+def _differences(a, b, lanes, out):
+    p, q = load(a, 0, lanes), load(b, 0, lanes)
+    store(absolute_difference(p, q), out, 0)
+    store(absolute_difference_of_halves(p, q), out, len(a))
+
+
+def test_differences_of_small_numbers_may_be_had_the_short_way() -> None:
+    a, b = np.random.default_rng(0).integers(0, 128, (2, 48)).astype(np.uint8)
+    a[:2], b[:2] = (0, 127), (127, 0)
+    out = np.zeros(96, np.uint8)
+    _differences(a, b, lanes_of(48), out)
+    expected = np.abs(a.astype(int) - b)
+    np.testing.assert_array_equal(out.reshape(2, 48), [expected, expected])
+
+
+@njit
+def _copy(source, target):
+    copy_four(source, 3, target, 1)
+
+
+@pytest.mark.parametrize("kind", [np.uint16, np.uint32])
+def test_four_are_copied_and_no_more(kind) -> None:
+    source, target = np.arange(10, 20).astype(kind), np.zeros(6, kind)
+    _copy(source, target)
+    assert target.tolist() == [0, 13, 14, 15, 16, 0]
