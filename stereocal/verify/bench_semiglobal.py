@@ -1,8 +1,9 @@
 """Benchmarks of semi-global matching beside cv2.StereoSGBM, at equal paths and with the same checks.
 
 OpenCV has the settings of the project's reference: block 5, P1 = 8 · 25, P2 = 32 · 25, uniqueness 10, speckles 100/2;
-its left-right check is on by default. Ours has its defaults, speckles 100/2 among them. The two minimise different
-costs, so that "agreement" says where they answer alike, not who is right: that is ``benchmarks/study_middlebury.py``.
+its left-right check and its median of 3x3 are always on. Ours has its defaults, the same among them. The two minimise
+different costs, so that "agreement" says where they answer alike, not who is right: that is
+``benchmarks/study_middlebury.py``.
 """
 
 from __future__ import annotations
@@ -19,8 +20,9 @@ from stereocal.verify.bench_reconstruction import textured_pair
 
 def cases() -> list[BenchCase]:
     """Return the cases of semi-global matching."""
-    found = [_semiglobal(size, d, 8) for size, d in (((640, 480), 64), ((640, 480), 128), ((1280, 960), 128))]
-    return [*found, _semiglobal((640, 480), 64, 5)]
+    sizes = ((384, 288), 16), ((640, 480), 64), ((640, 480), 128), ((1280, 960), 128)
+    found = [_semiglobal(size, d, 8) for size, d in sizes]
+    return [*found, _semiglobal((640, 480), 64, 5), _semiglobal((1280, 960), 128, 5)]
 
 
 def _semiglobal(size: tuple[int, int], disparities: int, paths: int) -> BenchCase:
