@@ -420,7 +420,7 @@ def add_block(P, size, to, factor, fresh, U, V, W):
                     U[k, g] += product
 
 
-@njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def normal_equations_kernel(
     data, whitening, blocks, loss, scale, lenses, kinds, rows, sizes, to, factor, theta, rigs, poses, U, V, W,
     residuals, J, A, P, Q, T, pose,

@@ -102,7 +102,7 @@ def turn_and_shift(step, pose, new):
         new[j, 3] = pose[j, 3] + step[3 + j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FUSED, no_cfunc_wrapper=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FUSED)
 def step_kernel(
     U, V, W, mu, D2, D2_v, L, Z, S, dz, dv, places, sizes, to, factor, theta, rigs, poses, theta_new, rigs_new,
     poses_new,

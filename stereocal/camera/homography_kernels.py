@@ -99,7 +99,7 @@ def smallest(B, h, half, after):
             break
 
 
-@njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def homographies_kernel(data, offsets, H, degenerate, C, B, h, work, similarities):
     """Fill H (V, 9), scaled to unit norm with a last entry ≥ 0, and flags of views whose points lie on a line.
 
