@@ -50,8 +50,10 @@ class CompiledEngine:
         self._step = bundle_step_kernels.step_kernel
         free, views, cameras = bundle.G.shape[1], bundle.view_count, len(bundle.models)
         data = bundle.by_axes
-        fresh = np.zeros(len(bundle.view_of_block), dtype=np.int64)
-        fresh[np.unique(bundle.view_of_block, return_index=True)[1]] = 1
+        numbers = np.arange(len(bundle.view_of_block))
+        first = np.zeros(views, dtype=np.int64)  # block of each view: from the last on, so that the first one stays
+        first[bundle.view_of_block[::-1]] = numbers[::-1]
+        fresh = first[bundle.view_of_block] == numbers
         blocks = np.array(
             [bundle.camera_of_block, bundle.view_of_block, bundle.offsets[:-1], bundle.offsets[1:], fresh]
         )
