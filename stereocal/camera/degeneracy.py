@@ -16,6 +16,16 @@ to fit the very noise that is judged here. Below the value that parallel boards 
 where no two differ by a degree, they are taken to be parallel. A lens with strong distortion does tell the focal length
 from parallel boards, in principle: far too weakly to be trusted, and the views are refused all the same.
 
+A C_i taken at the optimum is the slope's uncertainty only as far as that is a place like others. A focal length that
+ran away went to where noise looks most like tilt: there perspective, linear in the tilt, is weak, and foreshortening,
+which is quadratic, decides. Parallel boards, however, fit with any focal length. Where f is unsure to a tenth, the same
+χ² is asked again with fy held at the image's width.
+
+In a rig all cameras share the boards. What parallel boards leave open is one map of space that keeps planes of their
+direction as they are and takes the normal anywhere, three numbers for all cameras together; each number of a K that is
+known (skew, to begin with) settles one. So one camera of four unknowns leaves two open, two such cameras one, and from
+three on it is a question of how they are turned against each other, which the covariance answers.
+
 **Is the focal length sure to within a half?** Otherwise it is refused too. If the boards are well tilted and it would
 be sure with the lens's coefficients held, tilts are not what is missing: the model has coefficients that these views
 cannot tell apart (a rational model on a mild lens: numerator and denominator grow together without end), and a simpler
@@ -30,12 +40,16 @@ Source: Zhang (2000), section 2.4 and appendix D, for the degeneracy of parallel
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from stereocal.base.checks import Float
 from stereocal.base.errors import DegenerateGeometryError
+from stereocal.base.rotations import rotation_matrices
 from stereocal.camera.bundle import Bundle, BundleState, NormalEquations
-from stereocal.camera.bundle_solver import schur_complement
+from stereocal.camera.bundle_solver import schur_complement, solve_bundle
 from stereocal.camera.covariance import BundleCovariance
 from stereocal.camera.lens_doubts import squared_radii
 
@@ -56,54 +70,88 @@ _ENOUGH = np.radians(20.0)
 _LIKE_ITSELF = 2.0
 # A focal length of more widths than this is that of no camera: it ran away.
 _LONGEST = 100.0
+# Relative standard deviation of the focal length from which on parallel boards are looked for at another one.
+_UNSURE = 0.1
+_STEPS_ELSEWHERE = 100
 
 
 def refuse_degenerate(
-    bundle: Bundle, state: BundleState, equations: NormalEquations, joint: BundleCovariance, width: int
+    bundle: Bundle,
+    state: BundleState,
+    equations: NormalEquations,
+    joint: BundleCovariance,
+    width: int | Sequence[int],
+    names: Sequence[str] = ("",),
 ) -> None:
-    """Raise DegenerateGeometryError if the views do not determine the one camera of a bundle.
+    """Raise DegenerateGeometryError if the views do not determine the cameras of a bundle.
 
     Parameters
     ----------
     bundle : Bundle
-        Of one camera.
+        Of one camera, or of a rig.
     state : BundleState
         Its optimum.
     equations : NormalEquations
         There.
     joint : BundleCovariance
         There.
-    width : int
+    width : int, or one a camera
         Of the image, pixels.
+    names : sequence of str
+        What the cameras of a rig are called.
 
     Raises
     ------
     DegenerateGeometryError
         Says which views, why, and what to photograph.
     """
-    if np.count_nonzero(bundle.G[:5].any(axis=0)) > 2:  # unknowns among K: a column of G for each
-        _refuse_parallel(bundle, state, equations, joint, width)
-    if not np.any(bundle.G[:2]) or joint.degrees_of_freedom <= 0:
-        return
-    fy = float(state.intrinsics[0][1])
-    std = float(np.sqrt(joint.shared[1, 1]))
-    doubt = std * np.sqrt(max(1.0, _LEAST_NOISE**2 / max(joint.variance, 1e-300)))
-    if doubt < _UNDETERMINED * fy and fy < _LONGEST * width:
-        return
-    model = bundle.models[0]
-    if _widest_tilt(state) > _ENOUGH and _doubt_with_lens_held(bundle, equations, joint) < 0.05 * fy:
-        if _draws_at_its_focal_length(bundle, state):
+    widths = [width] if isinstance(width, int) else list(width)
+    doubts = [_doubt(bundle, equations, joint, camera) for camera in range(len(names))]
+    if _left_open_by_parallel_boards(bundle, joint, widths):
+        _refuse_parallel(bundle, state, equations, joint, widths[0])
+        unsure = [doubt > _UNSURE * theta[1] for doubt, theta in zip(doubts, state.intrinsics, strict=True)]
+        if any(unsure) and (elsewhere := _at_plausible_focal_length(bundle, state, widths[0])) is not None:
+            _refuse_parallel(bundle, *elsewhere, joint, widths[0])
+    for camera, (doubt, name) in enumerate(zip(doubts, names, strict=True)):
+        fy = float(state.intrinsics[camera][1])
+        is_free = np.any(bundle.G[bundle.intrinsic_slices[camera]][:2]) and joint.degrees_of_freedom > 0
+        if is_free and not (doubt < _UNDETERMINED * fy and fy < _LONGEST * widths[camera]):
+            _refuse_open_focal_length(bundle, state, equations, joint, camera, f" of the {name} camera" if name else "")
+
+
+def _refuse_open_focal_length(
+    bundle: Bundle, state: BundleState, equations: NormalEquations, joint: BundleCovariance, camera: int, of_camera: str
+) -> None:
+    fy, doubt = float(state.intrinsics[camera][1]), _doubt(bundle, equations, joint, camera)
+    model = bundle.models[camera]
+    if _widest_tilt(state) > _ENOUGH and _doubt(bundle, equations, joint, camera, lens_held=True) < 0.05 * fy:
+        if _draws_at_its_focal_length(bundle, state, camera):
             return  # coefficients alone are open, which ``lens_doubts`` says
         raise DegenerateGeometryError(
-            f"{_views(state)} do not determine the {model.parameter_count} coefficients of model {model.name!r}: they "
-            f"grow without end and take the focal length along (fy = {fy:.3g} ± {doubt:.2g} pixels); choose a model "
-            "with fewer, such as 'brown', hold some of them by fix=, or photograph the board in every corner of the "
-            "image"
+            f"{_views(state)} do not determine the {model.parameter_count} coefficients of model {model.name!r}"
+            f"{of_camera}: they grow without end and take the focal length along (fy = {fy:.3g} ± {doubt:.2g} pixels); "
+            "choose a model with fewer, such as 'brown', hold some of them by fix=, or photograph the board in every "
+            "corner of the image"
         )
     raise DegenerateGeometryError(
-        f"{_views(state)} {'does' if len(state.R_views) == 1 else 'do'} not determine the focal length (fy = {fy:.3g} "
-        f"± {doubt:.2g} pixels): {_tilts(state)}; {ADVICE}"
+        f"{_views(state)} {'does' if len(state.R_views) == 1 else 'do'} not determine the focal length{of_camera} "
+        f"(fy = {fy:.3g} ± {doubt:.2g} pixels): {_tilts(state)}; {ADVICE}"
     )
+
+
+def _left_open_by_parallel_boards(bundle: Bundle, joint: BundleCovariance, widths: Sequence[int]) -> bool:
+    """Whether fewer than three numbers of all K are known; a prior far tighter than the image's width knows one."""
+    known = 0
+    unknowns: set[int] = set()
+    for part, width in zip(bundle.intrinsic_slices, widths, strict=True):
+        for row in range(part.start, part.start + 5):
+            weight = 0.0 if bundle.prior_weights is None else float(bundle.prior_weights[row])
+            if not bundle.G[row].any() or weight * _UNDETERMINED * width > np.sqrt(joint.variance):
+                known += 1
+            else:
+                unknowns |= set(np.flatnonzero(bundle.G[row]).tolist())
+    tied = 5 * len(widths) - known - len(unknowns)  # several parameters that are one unknown
+    return known + tied < 3
 
 
 def _refuse_parallel(
@@ -111,7 +159,9 @@ def _refuse_parallel(
 ) -> None:
     count = len(state.R_views)
     if count < 2:
-        return
+        raise DegenerateGeometryError(
+            f"the one view leaves the focal length open: one board plane gives two equations a camera; {ADVICE}"
+        )
     n = state.R_views[:, :, 2]
     slopes = n[:, :2] / n[:, 2:]
     scale = width / max(abs(float(state.intrinsics[0][0])), 1e-300)
@@ -130,6 +180,47 @@ def _refuse_parallel(
         f"the boards of all {count} views are parallel as far as their corners can tell, which leaves the focal length "
         f"open{_same_views(bundle)}; {ADVICE}"
     )
+
+
+def _at_plausible_focal_length(
+    bundle: Bundle, state: BundleState, width: int
+) -> tuple[BundleState, NormalEquations] | None:
+    """The optimum with every fy held, the first camera's at the width; None where there is none, or one is known."""
+    rows = [part.start + 1 for part in bundle.intrinsic_slices]
+    held = bundle.G[rows].any(axis=0)
+    if not np.all(bundle.G[rows].any(axis=1)):
+        return None
+    part = replace(bundle, G=np.ascontiguousarray(bundle.G[:, ~held]))
+    # What a change of f by a looks like from the front: depths and slopes change by a.
+    a = width / float(state.intrinsics[0][1])
+    intrinsics = []
+    for theta, model, row in zip(state.intrinsics, bundle.models, rows, strict=True):
+        tied = np.any(bundle.G[row - 1, held])
+        fx = theta[0] if tied else theta[1]  # where it ran away, their ratio need not be that of a camera
+        intrinsics.append(np.concatenate([[fx * a, theta[1] * a], theta[2:5], model.start()]))
+    depth = np.array([1, 1, a])
+    slopes = a * state.R_views[:, :2, 2] / state.R_views[:, 2:, 2]
+    start = BundleState(
+        intrinsics,
+        state.R_rig,
+        state.t_rig * depth,
+        _turned(state.R_views, slopes),
+        state.t_views * depth,
+        state.shape,
+    )
+    found = solve_bundle(part, start, max_iterations=_STEPS_ELSEWHERE)
+    return (found.state, found.equations) if np.isfinite(found.cost) else None
+
+
+def _turned(R: Float, slopes: Float) -> Float:
+    """Rotations R (V, 3, 3) after the smallest turns that give their boards the slopes (V, 2), the same side seen."""
+    n = R[:, :, 2]
+    there = np.column_stack([slopes, np.ones(len(n))]) * np.sign(n[:, 2:])
+    there /= np.linalg.norm(there, axis=1)[:, None]
+    axes = np.cross(n, there)
+    sines = np.linalg.norm(axes, axis=1)
+    angles = np.arctan2(sines, np.einsum("vi,vi->v", n, there))
+    return np.asarray(rotation_matrices(axes * (angles / np.maximum(sines, 1e-300))[:, None]) @ R)
 
 
 def slopes_chi2(n: Float, of_turns: Float) -> float:
@@ -158,31 +249,40 @@ def slopes_chi2(n: Float, of_turns: Float) -> float:
     return float(np.einsum("vi,vij,vj->", d, weights, d))
 
 
-def _doubt_with_lens_held(bundle: Bundle, equations: NormalEquations, joint: BundleCovariance) -> float:
-    """Standard deviation of fy if all coefficients of the lens were known; infinite where it is open even then."""
-    of_lens = np.any(bundle.G[5:], axis=0)
-    if not of_lens.any() or not np.any(bundle.G[1]):
-        return float(np.inf)
+def _doubt(
+    bundle: Bundle, equations: NormalEquations, joint: BundleCovariance, camera: int, *, lens_held: bool = False
+) -> float:
+    """Standard deviation of a camera's fy, or what it would be if all coefficients of the lenses were known."""
+    row = bundle.intrinsic_slices[camera].start + 1
+    # a singular system has no covariance, and yet it has noise
+    variance = joint.variance if np.isfinite(joint.variance) else equations.cost / max(joint.degrees_of_freedom, 1)
+    noise = max(variance, _LEAST_NOISE**2)
+    if not lens_held:
+        return float(np.sqrt(joint.shared[row, row] * (noise / max(variance, 1e-300))))
+    of_lens = np.zeros(bundle.G.shape[1], dtype=bool)
+    for part in bundle.intrinsic_slices:
+        of_lens |= np.any(bundle.G[part.start + 5 : part.stop], axis=0)
+    if not of_lens.any():
+        return np.inf
     try:
         S = schur_complement(equations)[0][np.ix_(~of_lens, ~of_lens)]
-        g = bundle.G[1, ~of_lens]
-        noise = equations.cost / joint.degrees_of_freedom  # joint.variance is infinite where any unknown is open
-        variance = float(g @ np.linalg.solve(S, g)) * max(noise, _LEAST_NOISE**2)
+        g = bundle.G[row, ~of_lens]
+        of_fy = float(g @ np.linalg.solve(S, g)) * noise
     except np.linalg.LinAlgError:
-        return float(np.inf)
-    return float(np.sqrt(variance)) if variance > 0 else float(np.inf)
+        return np.inf
+    return float(np.sqrt(of_fy)) if of_fy > 0 else np.inf
 
 
-def _draws_at_its_focal_length(bundle: Bundle, state: BundleState) -> bool:
+def _draws_at_its_focal_length(bundle: Bundle, state: BundleState, camera: int) -> bool:
     """Whether a rational lens draws the corners at about the scale that fy says: 1 at the centre, f(s) where they are.
 
     Coefficients that grow without end leave the 1 in numerator and denominator behind: f is then 1 at a centre that
     nothing shows, another number everywhere else, and fy follows no measurement.
     """
-    if "k6" not in bundle.models[0].parameter_names:
+    if "k6" not in bundle.models[camera].parameter_names:
         return False
-    s = float(np.median(squared_radii(bundle, state, 0)))
-    k = state.intrinsics[0][5:]
+    s = float(np.median(squared_radii(bundle, state, camera)))
+    k = state.intrinsics[camera][5:]
     f = (1 + s * (k[0] + s * (k[1] + s * k[4]))) / (1 + s * (k[5] + s * (k[6] + s * k[7])))
     return bool(1 / _LIKE_ITSELF < f < _LIKE_ITSELF)
 

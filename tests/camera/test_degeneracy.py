@@ -98,3 +98,31 @@ def test_opencv_answers_where_there_is_no_answer() -> None:
     )
     assert rms < 0.5
     assert abs(K[0, 0] - 530) > 50
+
+
+# seeds at which the focal length runs away to where noise looks like tilt, well beyond its own uncertainty
+@pytest.mark.parametrize("seed", [0, 3, 9])
+def test_a_focal_length_that_ran_away_does_not_make_parallel_boards_tilted(seed: int) -> None:
+    """Eight boards square to the camera: χ² at the focal length that was found takes their noise for tilt."""
+    rng = np.random.default_rng(seed)
+    cam, flat = sc.Camera([[520, 0, 330], [0, 515, 250], [0, 0, 1]], (-0.2, 0.05, 0.001, -0.001, 0), SIZE), 25.0 * X
+    flat = flat - flat.mean(axis=0)
+    spin, where = rng.uniform(-1, 1, 8), rng.uniform([-80, -60, 420], [80, 60, 640], (8, 3))
+    corners = [
+        cam.project(flat, (0, 0, a), t) + rng.normal(0, 0.5, (len(flat), 2)) for a, t in zip(spin, where, strict=True)
+    ]
+    with pytest.raises(sc.DegenerateGeometryError, match="parallel"):
+        sc.calibrate_camera(flat, corners, SIZE)
+
+
+def test_a_prior_on_the_focal_length_closes_what_parallel_boards_leave_open() -> None:
+    rng = np.random.default_rng(0)
+    poses = [(rotation_vector(rotation_matrix([0.4, 0.2, 0]) @ rotation_matrix([0, 0, a])), [x, -2, z])
+             for a, x, z in ((0, -3, 9), (0.5, -2, 11), (-0.5, -4, 13), (0.2, -2.5, 15), (1, -2, 10))]  # fmt: skip
+    corners = [camera().project(X, r, t) + rng.normal(0, 0.1, (len(X), 2)) for r, t in poses]
+    f = (camera().fx, camera().fy)
+    known = {"fx": (f[0], 1.0), "fy": (f[1], 1.0)}
+    found = sc.calibrate_camera(X, corners, SIZE, priors=known)
+    assert abs(found.camera.fx - f[0]) < 5
+    with pytest.raises(sc.DegenerateGeometryError, match="parallel"):
+        sc.calibrate_camera(X, corners, SIZE, priors={"fx": (f[0], 2000.0), "fy": (f[1], 2000.0)})
