@@ -14,10 +14,13 @@ follow from g(x_d(x; k); k) = x by the implicit function theorem: with G = ∂g/
 
     ∂x_d/∂x = G⁻¹,        ∂x_d/∂k = −G⁻¹ ∂g/∂k.
 
+Neither kind is asked to know where it folds. The domain, the star-shaped region about the centre in which the map
+keeps its orientation (``distortion_inverse``), is enforced here, for both: outside, undistorting is NaN, never a point.
+
 **To add a model**: subclass :class:`ForwardModel` (give `distort` and `jacobians`) or :class:`BackwardModel` (give
-`undistort` and `undistort_jacobians`), state the order of the parameters in its docstring and `parameter_names`, and
-put one instance into ``distortion.MODELS``. The tests pick it up from there: derivatives against central differences,
-the round trip, and calibration of synthetic views.
+`undistort_jacobians`), state the order of the parameters in its docstring and `parameter_names`, and put one instance
+into ``distortion.MODELS``. The tests pick it up from there: derivatives against central differences, the round trip,
+the domain, and calibration of synthetic views.
 """
 
 from __future__ import annotations
@@ -95,7 +98,19 @@ class ForwardModel(DistortionModel):
 
 
 class BackwardModel(DistortionModel):
-    """A model that gives the ideal point x_u = g(x_d; k) explicitly."""
+    """A model that gives the ideal point x_u = g(x_d; k) explicitly, as a formula that need not know where it folds."""
+
+    def undistort(self, x_d: Float, k: Float) -> Float:
+        """Return x_u = g(x_d; k); NaN outside the region where the model can be undone.
+
+        A model overrides it where it knows that region in closed form.
+        """
+        from stereocal.camera.distortion_inverse import inside_domain
+
+        with np.errstate(all="ignore"):
+            x_u = self.undistort_slope(x_d, k)[0]
+            inside = inside_domain(lambda x: self.undistort_slope(x, k), x_d, np.asarray(np.isfinite(x_u).all(axis=1)))
+        return np.where(inside[:, None], x_u, np.nan)
 
     @abstractmethod
     def undistort_jacobians(self, x_d: Float, k: Float) -> tuple[Float, Float, Float]:

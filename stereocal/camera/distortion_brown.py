@@ -24,7 +24,7 @@ import numpy as np
 
 from stereocal.base.checks import Float
 from stereocal.camera.distortion_base import ForwardModel
-from stereocal.camera.distortion_inverse import first_turning_point, invert_radial, invert_radial_compiled
+from stereocal.camera.distortion_inverse import first_turning_point, invert_map, invert_radial, invert_radial_compiled
 
 NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
 _NOT_RADIAL = [2, 3, 8, 9, 10, 11, 12, 13]
@@ -56,25 +56,38 @@ class Brown(ForwardModel):
     def undistort(self, x_d: Float, k: Float) -> Float:
         """Return x with distort(x, k) = x_d, to 1e-12; NaN outside the domain (see ``distortion_inverse``)."""
         k = _padded(k)
+        if np.any(k[12:]):
+            x_d = _untilted(x_d, k[12], k[13])
         if np.any(k[_NOT_RADIAL]):
-            return super().undistort(x_d, k)
+            return invert_map(lambda x: self._before_tilt(x, k), x_d, _pole(k))
         r_d = np.hypot(x_d[:, 0], x_d[:, 1])
         r = invert_radial(lambda r: _radial(r, k), r_d, radial_limit(k))
         with np.errstate(invalid="ignore"):
             return x_d * np.where(r_d > 0, r / np.where(r_d > 0, r_d, 1.0), 1.0)[:, None]
 
     def undistort_compiled(self, x_d: Float, k: Float) -> Float:
-        """Return the same as `undistort`, from a kernel, the tilt of the sensor undone first."""
+        """Return the same as `undistort`, from a kernel."""
         from stereocal.camera.distortion_inverse_kernels import invert_map_kernel
 
         k = _padded(k)
+        terms = k[:12]
         if np.any(k[12:]):
             x_d = _untilted(x_d, k[12], k[13])
+            terms = np.concatenate([terms, _tilt_matrix(k[12], k[13])[0][2]])
         if not np.any(k[_NOT_RADIAL]):
             return invert_radial_compiled(x_d, np.array([k[0], k[1], k[4]]), k[5:8], radial_limit(k))
         x = np.empty_like(x_d, order="C")
-        invert_map_kernel(np.ascontiguousarray(x_d), k[:12], x)
+        invert_map_kernel(np.ascontiguousarray(x_d), terms, _pole(k), x)
         return x
+
+    def _before_tilt(self, x: Float, k: Float) -> tuple[Float, Float]:
+        """The map without its tilt, and its derivative; NaN where the tilted sensor sees nothing of it."""
+        x_d, J, _ = self.jacobians(x, k[:12])
+        if np.any(k[12:]):
+            row = _tilt_matrix(k[12], k[13])[0][2]
+            unseen = ~(x_d @ row[:2] + row[2] > 0)
+            x_d[unseen], J[unseen] = np.nan, np.nan
+        return x_d, J
 
     def jacobians(self, x: Float, k: Float) -> tuple[Float, Float, Float]:
         """Return x_d, ∂x_d/∂x and ∂x_d/∂k."""
@@ -154,7 +167,12 @@ def radial_limit(k: Float) -> float:
     c, q = np.array([1, k[0], k[1], k[4]]), np.array([1, k[5], k[6], k[7]])
     double_degree = 2 * np.arange(4)
     rise = np.convolve(c * (1 + double_degree), q) - np.convolve(c, q * double_degree)
-    return float(np.sqrt(min(first_turning_point(rise), first_turning_point(q))))
+    return min(float(np.sqrt(first_turning_point(rise))), _pole(k))
+
+
+def _pole(k: Float) -> float:
+    """The radius where the denominator 1 + k4 s + k5 s² + k6 s³ vanishes first, or infinity."""
+    return float(np.sqrt(first_turning_point(np.array([1, k[5], k[6], k[7]])))) if np.any(k[5:8]) else np.inf
 
 
 def _padded(k: Float) -> Float:

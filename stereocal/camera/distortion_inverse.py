@@ -14,8 +14,23 @@ scalar root, bracketed in [0, r_max] and found by Newton steps that fall back on
 
 For general maps (:func:`invert_map`) Newton's method, h = −(∂f/∂x)⁻¹ (f(x) − y), runs on all points at once with
 backtracking: a step is halved until the residual shrinks and det ∂f/∂x stays positive. Where that fails, the solution
-is followed along the ray, f(x) = s·y for s = 1/16, 2/16, …, 1 (continuation). Each answer is then checked: residual ≤
-1e-12, and a positive determinant at 32 stations on the way from the centre.
+is followed along the ray, f(x) = s·y, s from 0 to 1 in steps of 1/16, halved where a dozen of Newton's do not solve one
+(continuation). Each answer is checked: residual ≤ 1e-12, and a positive determinant all the way from the centre
+(:func:`open_way`).
+
+That way cannot be read off from stations at fixed places: between two of them the determinant may pass through zero, or
+through a pole, and come back. So an interval of the way counts as positive only where D(t) = det ∂f/∂x (t·x) is seen to
+be smooth there, with D₀, D_m, D₁ at its ends and its middle,
+
+    |D_m − (D₀ + D₁)/2| ≤ ½ min(D₀, D_m, D₁),
+
+and is halved otherwise. A parabola with these three values is nowhere less than half of the smallest: the rule is exact
+for it, and what it has to fear is a D whose higher terms win within 1/32 of the way. Towards a fold D goes to zero and
+towards a pole to infinity, so that intervals shrink there until one of them shows a D that is not positive, or until
+they are too many; such a point has no answer either. The pole of a radial denominator is known beforehand, and is a
+bound of the domain (``limit``), though a tilted sensor, a homography, may bring what lies beyond infinity back.
+
+Backward models are formulas with the same folds: :func:`inside_domain` masks them in ``BackwardModel.undistort``.
 
 ``distortion_inverse_kernels`` is the compiled twin for OpenCV's family, the fisheye and the rational function.
 """
@@ -32,11 +47,16 @@ MapWithJacobian = Callable[[Float], tuple[Float, Float]]
 
 _TOLERANCE = 1e-12
 _MAX_NEWTON = 60
-_STATIONS = 32
-_CONTINUATION_STEPS = 16
+_NEWTON_PER_STEP = 12
+_LONGEST_STEP, _SHORTEST_STEP = 1 / 16, 1 / 64
+_FIRST_LEVEL = 4
+_LAST_LEVEL = 40
+_MOST_INTERVALS = 1000
+_DIRECTIONS = 64
+_SURVEYS = 12
 
 
-def invert_map(f: MapWithJacobian, y: Float) -> Float:
+def invert_map(f: MapWithJacobian, y: Float, limit: float = np.inf) -> Float:
     """Return x with f(x) = y inside the star-shaped domain of f about the origin; NaN where there is none.
 
     Parameters
@@ -45,6 +65,8 @@ def invert_map(f: MapWithJacobian, y: Float) -> Float:
         x (N, 2) to f(x) (N, 2) and ∂f/∂x (N, 2, 2).
     y : ndarray of shape (N, 2)
         Points to take back.
+    limit : float
+        Radius that the domain is known not to reach beyond: that of a pole.
 
     Returns
     -------
@@ -54,21 +76,29 @@ def invert_map(f: MapWithJacobian, y: Float) -> Float:
         return y.copy()
     with np.errstate(all="ignore"):
         x, good = _newton(f, y, y.copy())
-        good = _inside_domain(f, x, good)
+        good = inside_domain(f, x, good & (np.hypot(*x.T) < limit))
         hard = np.flatnonzero(~good & np.all(np.isfinite(y), axis=1))
         if len(hard):
-            followed = np.zeros((len(hard), 2))
-            alive = np.ones(len(hard), dtype=bool)
-            for s in np.arange(1, _CONTINUATION_STEPS + 1) / _CONTINUATION_STEPS:
-                followed, solved = _newton(f, s * y[hard], followed)
-                alive &= solved
-            x[hard] = followed
-            good[hard] = _inside_domain(f, followed, alive)
+            followed, arrived = _follow(f, y[hard])
+            x[hard], good[hard] = followed, inside_domain(f, followed, arrived & (np.hypot(*followed.T) < limit))
     x[~good] = np.nan
     return x
 
 
-def _newton(f: MapWithJacobian, y: Float, x: Float) -> tuple[Float, np.ndarray]:
+def _follow(f: MapWithJacobian, y: Float) -> tuple[Float, np.ndarray]:
+    """Continuation f(x) = s·y from the centre; return where each x came to and which of them arrived, s = 1."""
+    x, s, step = np.zeros_like(y), np.zeros(len(y)), np.full(len(y), _LONGEST_STEP)
+    going = np.arange(len(y))
+    while len(going):
+        there, solved = _newton(f, (s[going] + step[going])[:, None] * y[going], x[going], _NEWTON_PER_STEP)
+        came, failed = going[solved], going[~solved]
+        x[came], s[came] = there[solved], s[came] + step[came]
+        step[failed] *= 0.5
+        going = going[(s[going] < 1) & (step[going] >= _SHORTEST_STEP)]
+    return x, s == 1
+
+
+def _newton(f: MapWithJacobian, y: Float, x: Float, most: int = _MAX_NEWTON) -> tuple[Float, np.ndarray]:
     """Damped Newton on every point; return x and which of them solved f(x) = y with det > 0."""
     value, J = f(x)
     determinant = _determinant(J)
@@ -83,7 +113,7 @@ def _newton(f: MapWithJacobian, y: Float, x: Float) -> tuple[Float, np.ndarray]:
     size = np.maximum(1.0, np.hypot(y[:, 0], y[:, 1]))
     error = np.hypot(*(value - y).T)
     active = np.flatnonzero(error > 1e-15 * size)
-    for _ in range(_MAX_NEWTON):
+    for _ in range(most):
         if len(active) == 0:
             break
         r = value[active] - y[active]
@@ -111,28 +141,88 @@ def _newton(f: MapWithJacobian, y: Float, x: Float) -> tuple[Float, np.ndarray]:
     return x, (error <= _TOLERANCE * size) & (determinant > 0)
 
 
-def _inside_domain(f: MapWithJacobian, x: Float, solved: np.ndarray) -> np.ndarray:
-    """Which of the solved x have det ∂f/∂x > 0 at stations all the way from the centre."""
-    inside = solved.copy()
-    if not inside.any():
-        return inside
-    # One polar survey settles most points: inside its safe radius no station can fail.
-    reach = float(np.max(np.hypot(*x[inside].T)))
-    angles = np.arange(64) * (2 * np.pi / 64)
-    radii = reach * np.arange(1, 129) / 128
-    survey = (radii[:, None, None] * np.stack([np.cos(angles), np.sin(angles)], 1)).reshape(-1, 2)
-    positive = (_determinant(f(survey)[1]) > 0).reshape(128, 64).all(axis=1)
-    if positive.all():
-        return inside
-    safe = radii[int(np.argmin(positive))] - reach / 64
-    doubtful = np.flatnonzero(inside & (np.hypot(*x.T) > safe))
-    for t in np.arange(1, _STATIONS + 1) / _STATIONS:
-        keep = _determinant(f(t * x[doubtful])[1]) > 0
-        inside[doubtful[~keep]] = False
-        doubtful = doubtful[keep]
-        if len(doubtful) == 0:
-            break
+def inside_domain(f: MapWithJacobian, x: Float, asked: np.ndarray) -> np.ndarray:
+    """Tell which of the points that are asked after lie in the star-shaped domain of f about the origin.
+
+    Parameters
+    ----------
+    f : callable
+        x (N, 2) to f(x) (N, 2) and ∂f/∂x (N, 2, 2).
+    x : ndarray of shape (N, 2)
+        Points.
+    asked : ndarray of bool, shape (N,)
+        Which of them are in question; the others are outside.
+
+    Returns
+    -------
+    ndarray of bool, shape (N,)
+    """
+    with np.errstate(all="ignore"):
+        radius = np.hypot(x[:, 0], x[:, 1])
+        inside = asked & np.isfinite(radius)
+        if inside.any():
+            doubtful = np.flatnonzero(inside & ~(radius <= _safe_radius(f, float(np.max(radius[inside])))))
+            inside[doubtful] = open_way(f, x[doubtful]) == 1
     return inside
+
+
+def _safe_radius(f: MapWithJacobian, reach: float) -> float:
+    """Radius of a disc about the centre, at most `reach`, without a fold: a survey that settles most points."""
+    angles = np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS)
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    for _ in range(_SURVEYS):
+        free = float(np.min(open_way(f, reach * directions)))
+        if free == 1:
+            return reach
+        if free >= 0.5:
+            # the nearest fold may lie between two directions, a little nearer than in either
+            return 0.95 * free * reach
+        reach *= free + 0.5**_FIRST_LEVEL  # the fold is not much further: look closer
+    return 0.0
+
+
+def open_way(f: MapWithJacobian, x: Float) -> Float:
+    """Return how far one can go from the centre to each x with det ∂f/∂x > 0, as a part of the way; 1 is all of it.
+
+    Parameters
+    ----------
+    f : callable
+        x (N, 2) to f(x) (N, 2) and ∂f/∂x (N, 2, 2).
+    x : ndarray of shape (N, 2)
+        Ends of the ways.
+
+    Returns
+    -------
+    ndarray of shape (N,)
+        Below 1, where the interval begins that holds the fold.
+
+    Notes
+    -----
+    A way is walked in intervals [i, i + 1] / 2^level by the rule of the module's essay. The level rises by one where D
+    is not smooth, and sinks by one behind an interval where it is, down to the first.
+    """
+
+    def determinant(t: Float, way: np.ndarray) -> Float:
+        return _determinant(f(t[:, None] * x[way])[1])
+
+    far, way = np.zeros(len(x)), np.arange(len(x))
+    i, level = np.zeros(len(x), dtype=np.int64), np.full(len(x), _FIRST_LEVEL)
+    D_0 = determinant(far, way)
+    for _ in range(_MOST_INTERVALS):
+        if len(way) == 0:
+            break
+        h = 0.5**level
+        D_m, D_1 = np.split(determinant(np.concatenate([(i + 0.5) * h, (i + 1) * h]), np.concatenate([way, way])), 2)
+        least = np.minimum(np.minimum(D_0, D_m), D_1)
+        smooth = np.abs(D_m - 0.5 * (D_0 + D_1)) <= 0.5 * least
+        i, level, D_0 = np.where(smooth, i + 1, 2 * i), np.where(smooth, level, level + 1), np.where(smooth, D_1, D_0)
+        coarser = smooth & (i % 2 == 0) & (level > _FIRST_LEVEL)
+        i, level = np.where(coarser, i // 2, i), level - coarser
+        positive = (least > 0) & np.isfinite(D_m + D_1)
+        far[way[positive]] = (i * 0.5**level)[positive]
+        on = positive & (far[way] < 1) & (level <= _LAST_LEVEL)
+        way, i, level, D_0 = way[on], i[on], level[on], D_0[on]
+    return far
 
 
 def _determinant(J: Float) -> Float:

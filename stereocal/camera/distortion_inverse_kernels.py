@@ -1,7 +1,7 @@
 # mypy: allow-untyped-defs
 """Undoing a lens, compiled: the twin of ``distortion_inverse``.
 
-It knows OpenCV's family without tilt, the fisheye, and the rational function, whose distorting it is that iterates.
+It knows OpenCV's family before the tilt, the fisheye, and the rational function, whose distorting it is that iterates.
 
 Domain, iteration, tolerances and letters are those of ``distortion_inverse``. There the points go through each step
 together, here every point runs to its end alone, so that an easy point does not wait for a hard one. Both radial
@@ -10,7 +10,8 @@ families are one function of the radius, or of the angle for a fisheye,
     g(r) = r (1 + a₁ s + a₂ s² + a₃ s³ + a₄ s⁴) / (1 + b₁ s + b₂ s² + b₃ s³),   s = r²,
 
 and a general map is told by its number of coefficients: twelve, k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4, are Brown's
-(``distortion_brown``), eighteen are W of the rational function (``distortion_rational_function``).
+(``distortion_brown``), three more are the row M₃ of a tilt, beyond whose line at infinity, M₃ (x_d, 1) = 0, the map has
+no value, and eighteen are W of the rational function (``distortion_rational_function``).
 """
 
 from __future__ import annotations
@@ -22,8 +23,13 @@ from numba import njit
 
 TOLERANCE = 1e-12
 MAX_NEWTON = 60
-STATIONS = 32
-CONTINUATION_STEPS = 16
+NEWTON_PER_STEP = 12
+LONGEST_STEP, SHORTEST_STEP = 1 / 16, 1 / 64
+FIRST_LEVEL = 4
+LAST_LEVEL = 40
+MOST_INTERVALS = 1000
+DIRECTIONS = 64
+SURVEYS = 12
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -116,12 +122,17 @@ def rational_function(u, v, W):
 @njit(cache=True, nogil=True, error_model="numpy")
 def lens(u, v, k):
     """Return the map and its derivatives at (u, v), of the model that has as many coefficients."""
-    return rational_function(u, v, k) if len(k) == 18 else brown(u, v, k)
+    if len(k) == 18:
+        return rational_function(u, v, k)
+    x_d, y_d, a, b, c, d = brown(u, v, k)
+    if len(k) == 15 and not k[12] * x_d + k[13] * y_d + k[14] > 0:
+        return np.nan, np.nan, np.nan, np.nan, np.nan, np.nan
+    return x_d, y_d, a, b, c, d
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def newton(y0, y1, u, v, k):
-    """Damped Newton from (u, v); return where it ended and whether f = y there, with det > 0."""
+def newton(y0, y1, u, v, k, most):
+    """Some steps of damped Newton from (u, v), at `most`; return where it ended and whether f = y, with det > 0."""
     f0, f1, a, b, c, d = lens(u, v, k)
     for _ in range(8):  # a start outside of the domain is drawn to the centre, where every lens is nearly ideal
         if a * d - b * c > 0:
@@ -130,7 +141,7 @@ def newton(y0, y1, u, v, k):
         f0, f1, a, b, c, d = lens(u, v, k)
     size = max(1.0, math.hypot(y0, y1))
     error = math.hypot(f0 - y0, f1 - y1)
-    for _ in range(MAX_NEWTON):
+    for _ in range(most):
         if not error > 1e-15 * size:
             break
         determinant = a * d - b * c
@@ -154,48 +165,99 @@ def newton(y0, y1, u, v, k):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def keeps_orientation(u, v, k):
-    """Whether det ∂f/∂x > 0 at the stations from the centre to (u, v)."""
-    for i in range(1, STATIONS + 1):
-        t = i / STATIONS
-        _, _, a, b, c, d = lens(t * u, t * v, k)
-        if not a * d - b * c > 0:
-            return False
-    return True
+def determinant(u, v, k):
+    """Return det ∂f/∂x at (u, v)."""
+    _, _, a, b, c, d = lens(u, v, k)
+    return a * d - b * c
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def open_way(u, v, k):
+    """Return how far one can go from the centre to (u, v) with det ∂f/∂x > 0, as a part of the way; 1 is all of it."""
+    i, level, D_0 = 0, FIRST_LEVEL, determinant(0.0, 0.0, k)
+    for _ in range(MOST_INTERVALS):
+        h = 0.5**level
+        middle, end = (i + 0.5) * h, (i + 1) * h
+        D_m, D_1 = determinant(middle * u, middle * v, k), determinant(end * u, end * v, k)
+        if not (D_0 > 0 and D_m > 0 and D_1 > 0 and np.isfinite(D_m + D_1)):
+            break
+        if abs(D_m - 0.5 * (D_0 + D_1)) <= 0.5 * min(D_0, D_m, D_1):
+            i, D_0 = i + 1, D_1
+            if i % 2 == 0 and level > FIRST_LEVEL:
+                i, level = i // 2, level - 1
+            if i == 2**level:
+                return 1.0
+        else:
+            i, level = 2 * i, level + 1
+            if level > LAST_LEVEL:
+                break
+    return i * 0.5**level
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def safe_radius(reach, k):
-    """Radius of the disc about the centre, at most `reach`, in which a polar survey finds det > 0 everywhere."""
-    angles = np.arange(64) * (2 * np.pi / 64)
+    """Radius of a disc about the centre, at most `reach`, without a fold: a survey that settles most points."""
+    angles = np.arange(DIRECTIONS) * (2 * np.pi / DIRECTIONS)
     directions_u, directions_v = np.cos(angles), np.sin(angles)
-    for ring in range(1, 129):
-        radius = reach * ring / 128
-        for i in range(64):
-            _, _, a, b, c, d = lens(radius * directions_u[i], radius * directions_v[i], k)
-            if not a * d - b * c > 0:
-                return radius - reach / 64
-    return reach
+    for _ in range(SURVEYS):
+        free = 1.0
+        for i in range(DIRECTIONS):
+            free = min(free, open_way(reach * directions_u[i], reach * directions_v[i], k))
+        if free == 1:
+            return reach
+        if free >= 0.5:  # the nearest fold may lie between two directions, a little nearer than in either
+            return 0.95 * free * reach
+        reach *= free + 0.5**FIRST_LEVEL  # the fold is not much further: look closer
+    return 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def invert_map_kernel(y, k, x):
+def follow(y0, y1, k):
+    """Continuation f(x) = s·y from the centre; return where it came to and whether it arrived, s = 1."""
+    u, v, s, step = 0.0, 0.0, 0.0, LONGEST_STEP
+    while s < 1 and step >= SHORTEST_STEP:
+        u_there, v_there, solved = newton((s + step) * y0, (s + step) * y1, u, v, k, NEWTON_PER_STEP)
+        if solved:
+            u, v, s = u_there, v_there, s + step
+        else:
+            step *= 0.5
+    return u, v, s == 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def invert_map_kernel(y, k, limit, x):
     """Write the x with f(x) = y inside the star-shaped domain of f about the centre; NaN where there is none."""
     good = np.zeros(len(y), dtype=np.bool_)
     reach = 0.0
     for i in range(len(y)):
-        x[i, 0], x[i, 1], good[i] = newton(y[i, 0], y[i, 1], y[i, 0], y[i, 1], k)
+        x[i, 0], x[i, 1], good[i] = newton(y[i, 0], y[i, 1], y[i, 0], y[i, 1], k, MAX_NEWTON)
+        radius = math.hypot(x[i, 0], x[i, 1])
+        good[i] = good[i] and radius < limit
         if good[i]:
-            reach = max(reach, math.hypot(x[i, 0], x[i, 1]))
+            reach = max(reach, radius)
     safe = safe_radius(reach, k)
     for i in range(len(y)):
-        if good[i] and (math.hypot(x[i, 0], x[i, 1]) <= safe or keeps_orientation(x[i, 0], x[i, 1], k)):
+        if good[i] and (math.hypot(x[i, 0], x[i, 1]) <= safe or open_way(x[i, 0], x[i, 1], k) == 1):
             continue
-        u, v, solved = 0.0, 0.0, np.isfinite(y[i, 0]) and np.isfinite(y[i, 1])
-        for step in range(1, CONTINUATION_STEPS + 1):
-            s = step / CONTINUATION_STEPS
-            if solved:
-                u, v, solved = newton(s * y[i, 0], s * y[i, 1], u, v, k)
-        if not (solved and keeps_orientation(u, v, k)):
+        u, v, arrived = np.nan, np.nan, False
+        if np.isfinite(y[i, 0]) and np.isfinite(y[i, 1]):
+            u, v, arrived = follow(y[i, 0], y[i, 1], k)
+        if not (arrived and math.hypot(u, v) < limit and open_way(u, v, k) == 1):
             u, v = np.nan, np.nan
         x[i, 0], x[i, 1] = u, v
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def map_inside_kernel(x, k, y):
+    """Write y = f(x) where x is inside the star-shaped domain of f about the centre; NaN outside."""
+    reach = 0.0
+    for i in range(len(x)):
+        radius = math.hypot(x[i, 0], x[i, 1])
+        if np.isfinite(radius):
+            reach = max(reach, radius)
+    safe = safe_radius(reach, k)
+    for i in range(len(x)):
+        y[i, 0] = y[i, 1] = np.nan
+        radius = math.hypot(x[i, 0], x[i, 1])
+        if np.isfinite(radius) and (radius <= safe or open_way(x[i, 0], x[i, 1], k) == 1):
+            y[i, 0], y[i, 1], _, _, _, _ = lens(x[i, 0], x[i, 1], k)

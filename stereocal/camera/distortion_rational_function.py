@@ -39,19 +39,21 @@ class RationalFunction(BackwardModel):
         """Return W = [0 | I]: the ideal lens."""
         return np.hstack([np.zeros((3, 3)), np.eye(3)]).ravel()
 
-    def undistort(self, x_d: Float, k: Float) -> Float:
-        """Return the ideal point of W χ; NaN where the denominator is not positive."""
-        h = _monomials(x_d) @ k.reshape(3, 6).T
-        positive = h[:, 2:] > 0
-        return np.where(positive, h[:, :2] / np.where(positive, h[:, 2:], 1.0), np.nan)
-
     def distort_compiled(self, x: Float, k: Float) -> Float:
         """Return the same as `distort`, from a kernel: a calibration asks for it at every step."""
         from stereocal.camera.distortion_inverse_kernels import invert_map_kernel
 
         x_d = np.empty_like(x, order="C")
-        invert_map_kernel(np.ascontiguousarray(x), k, x_d)
+        invert_map_kernel(np.ascontiguousarray(x), k, np.inf, x_d)
         return x_d
+
+    def undistort_compiled(self, x_d: Float, k: Float) -> Float:
+        """Return the same as `undistort`, from a kernel."""
+        from stereocal.camera.distortion_inverse_kernels import map_inside_kernel
+
+        x_u = np.empty_like(x_d, order="C")
+        map_inside_kernel(np.ascontiguousarray(x_d), k, x_u)
+        return x_u
 
     def undistort_jacobians(self, x_d: Float, k: Float) -> tuple[Float, Float, Float]:
         """Return x_u = h₁₂/h₃, and dx_u = (dh₁₂ − x_u dh₃) / h₃ by x_d and by W."""
