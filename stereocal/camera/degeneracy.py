@@ -309,12 +309,13 @@ def _tilts(state: BundleState) -> str:
 
 
 def _same_views(bundle: Bundle) -> str:
-    """In words: which views hold the very same corners."""
-    corners = [bundle.measured[a:b] for a, b in zip(bundle.offsets[:-1], bundle.offsets[1:], strict=True)]
+    """In words: which views hold the very same corners (of a rig, in its first camera)."""
+    offsets, blocks = bundle.offsets, bundle.rows_of_camera(0)[1]
+    corners = {int(bundle.view_of_block[i]): bundle.measured[offsets[i] : offsets[i + 1]] for i in blocks}
     groups: list[list[int]] = []
-    for i, y in enumerate(corners):
+    for i, y in corners.items():
         for group in groups:
-            if len(corners[group[0]]) == len(y) and np.array_equal(corners[group[0]], y):
+            if np.array_equal(corners[group[0]], y):
                 group.append(i)
                 break
         else:

@@ -7,6 +7,7 @@
 ``rig_inputs``              what the user passes to the two, sorted by camera
 ``rig_start``               where their fit starts: from each camera by itself
 ``rig_solution``            the joint fit itself, of any number of cameras
+``rig_agreement``           views that do not fit the rig of the others, or no rig at all
 ``corner_order``            one corner order for both pictures of a pair
 ``diagnosis``               what is wrong with a set of pairs: flips, mispairing, late shutters, knocks, bends
 ``findings``                one thing that is wrong: what a diagnosis is made of

@@ -7,8 +7,11 @@ corners help to place the board for all others: the intrinsics gain, and R_c, T_
 camera that missed a view has no term there.
 
 The way there: each camera by itself (``camera.calibration``), where the cameras stand from views that two of them saw
-(``rig_start``), and then the bundle engine on all unknowns (``camera.bundle``). With `fix_intrinsics` only the poses
-and the R_c, T_c are free: the classical second step, worse than the joint optimum.
+(``rig_start``), and then the bundle engine on all unknowns (``camera.bundle``). What one camera's views do not
+determine, all together may: a camera that is refused by itself, and one unsure of its focal length beside it, begin
+with one focal length after another and no lens, and whether the views determine the rig is asked of the joint optimum
+(``camera.degeneracy``). Views that do not fit the rig of the others are named (``rig_agreement``). With
+`fix_intrinsics` only the poses and the R_c, T_c are free: the classical second step, worse than the joint optimum.
 
 This module sorts and solves; ``stereo_calibration`` and ``rig_calibration`` check what the user passes, and give the
 result its names.
@@ -27,16 +30,16 @@ from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
 from stereocal.base.checks import Float, require_choice, require_positive
-from stereocal.base.errors import ConvergenceError, DegenerateGeometryError
+from stereocal.base.errors import ConvergenceError, DegenerateGeometryError, InputError
 from stereocal.base.rotations import rotation_matrices
 from stereocal.camera.board_shape import BoardShape
 from stereocal.camera.board_shape_fit import board_shape_of
-from stereocal.camera.bundle import Bundle
+from stereocal.camera.bundle import Bundle, BundleState
 from stereocal.camera.bundle_problem import camera_of, make_bundle, whitening_of
 from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
 from stereocal.camera.calibration import CameraCalibration, calibrate_camera
 from stereocal.camera.covariance import BundleCovariance, bundle_covariance
-from stereocal.camera.degeneracy import ADVICE
+from stereocal.camera.degeneracy import refuse_degenerate
 from stereocal.camera.distortion import distortion_model
 from stereocal.camera.lens_doubts import lens_doubts
 from stereocal.camera.losses import LOSSES
@@ -52,8 +55,15 @@ from stereocal.camera.parameters import (
 )
 from stereocal.camera.pose import estimate_poses
 from stereocal.camera.refinements import refine_optimum
+from stereocal.pair.rig_agreement import disagreement
 from stereocal.pair.rig_inputs import fix_of_camera, spread_priors
 from stereocal.pair.rig_start import Poses, is_unsure, starting_state
+
+# A camera that saw fewer views than this is refused where they do not determine it, whatever the others saw.
+_VIEWS_OF_ONE = 3
+# Where one is refused: focal lengths, in image widths, to begin with for those that do not know theirs to this part.
+_WIDTHS = (0.5, 0.9, 1.6, 2.8, 5.0)
+_SURE = 0.05
 
 
 @dataclass(frozen=True)
@@ -76,6 +86,11 @@ class RigOptions:
     def __post_init__(self) -> None:
         require_choice(self.loss, LOSSES, "loss")
         require_positive(self.loss_scale, "loss_scale")
+        if self.fix_intrinsics and self.share:
+            raise InputError(
+                "share names parameters that the cameras are to have in common, but fix_intrinsics holds them; drop "
+                "one of the two"
+            )
         if self.aspect_ratio is not None:
             require_positive(self.aspect_ratio, "aspect_ratio")
 
@@ -180,7 +195,7 @@ def solve_rig(
         set(own) if options.fix_intrinsics else fixed_names(lens, of_camera, skew=options.skew)
         for own, lens, of_camera in zip(parameters, lenses, fix, strict=True)
     ]
-    cameras, alone, poses, again = _each_alone(views, given, models, fix, options)
+    cameras, alone, poses, again, refused = _each_alone(views, given, models, fix, options)
     parts = [free_columns(own, h, options.aspect_ratio) for own, h in zip(parameters, held, strict=True)]
     G = np.ascontiguousarray(block_diag(*parts, np.eye(6 * len(cameras) - 6)), dtype=np.float64)
     bundle = make_bundle(lenses, views.objects, views.images, G)
@@ -189,27 +204,37 @@ def solve_rig(
     if options.share:
         bundle.G = share_columns(bundle.G, parameters, options.share)
 
-    def solve(cameras: list[Camera], poses: list[Poses]) -> BundleSolution:
+    def begin(cameras: list[Camera], poses: list[Poses]) -> BundleState:
         state = starting_state(cameras, poses, len(views.images[0]))
-        state = with_shared_values(state, parameters, options.share) if options.share else state
+        return with_shared_values(state, parameters, options.share) if options.share else state
+
+    def solve(state: BundleState, damping: float = 1e-6) -> BundleSolution:
         # the start is an optimum already, of each camera by itself: steps need hardly any damping
         return solve_bundle(
-            bundle, state, max_iterations=options.max_iterations, initial_damping=1e-6, backend=options.backend
+            bundle, state, max_iterations=options.max_iterations, initial_damping=damping, backend=options.backend
         )
 
-    solution = solve(cameras, poses)
+    if refused:
+        starts = [begin(*_at_focal_length(w, views, models, given, alone, poses, cameras)) for w in _WIDTHS]
+        solution, start = min(((solve(state, 1e-3), state) for state in starts), key=lambda found: found[0].cost)
+    else:
+        start = begin(cameras, poses)
+        solution = solve(start)
     if not options.fix_intrinsics and any(c is not None and is_unsure(c) for c in alone):
         begin_at_none = all(np.array_equal(lens.start(), lens.neutral()) for lens in lenses)
         for held_first in ("principal_point", "distortion") if begin_at_none else ("principal_point",):
             other = _with_held(held_first, again, poses, cameras)
-            solution = solution if other is None else min(solution, solve(*other), key=lambda s: s.cost)
+            solution = solution if other is None else min(solution, solve(begin(*other)), key=lambda s: s.cost)
+    if refused and not solution.converged:
+        raise refused[0]
+    odd = disagreement(bundle, start, poses, solution)
     every = [f"{camera}.{name}" for camera, own in zip(views.names, parameters, strict=True) for name in own]
-    return _finished(bundle, solution, cameras, alone, [*every, *motion_names], views.names, options)
+    return _finished(bundle, solution, cameras, alone, [*every, *motion_names], views.names, options, odd)
 
 
 def _finished(
     bundle: Bundle, solution: BundleSolution, cameras: list[Camera], alone: list[CameraCalibration | None],
-    every: list[str], camera_names: Sequence[str], options: RigOptions,
+    every: list[str], camera_names: Sequence[str], options: RigOptions, odd: str,
 ) -> RigSolution:  # fmt: skip
     """From the joint optimum to the result: outliers, priors and the board's shape, where they are asked for."""
     known = None
@@ -222,17 +247,17 @@ def _finished(
     bundle, solution, state = refined.bundle, refined.solution, refined.solution.state
     joint = bundle_covariance(bundle, state, solution.equations)
     final = [camera_of(t, c.image_size, m) for t, c, m in zip(state.intrinsics, cameras, bundle.models, strict=True)]
-    for name, camera, part in zip(camera_names, final, bundle.intrinsic_slices, strict=True):
-        if solution.converged and not np.sqrt(joint.shared[part, part][1, 1]) < 0.5 * camera.fy:
-            raise DegenerateGeometryError(
-                f"the {len(state.R_views)} views do not determine the focal length of the {name} camera; {ADVICE}"
-            )
+    if solution.converged or (solution.reason == "stalled" and not odd):
+        widths = [camera.image_size[0] for camera in final]
+        refuse_degenerate(bundle, state, solution.equations, joint, widths, camera_names)
     rms, camera_rms, view_rms, of_cameras = _by_camera(bundle, -solution.equations.residuals)
     rejected: list[RejectedCorner] = []
     if not refined.kept.all():  # residuals of all corners, as they were passed in; the RMS is of the corners kept
         of_cameras = _by_camera(refined.everything, -refined.residuals)[3]
         rejected = refined.rejected()
-    warnings = [
+    # corners that are left out are named one by one
+    warnings = [odd] if odd and not options.reject_outliers else []
+    warnings += [
         f"{name}: {doubt}"
         for c, name in enumerate(camera_names)
         for doubt in lens_doubts(bundle, state, joint.shared, c, final[c].image_size)
@@ -267,9 +292,13 @@ Again = Callable[..., CameraCalibration] | None
 
 def _each_alone(
     views: RigViews, given: Sequence[Camera | None], models: Sequence[str], fix: list[list[str]], options: RigOptions
-) -> tuple[list[Camera], list[CameraCalibration | None], list[Poses], list[Again]]:
-    """Each camera by itself: camera, calibration, poses, and the function that calibrates it again; given ones stay."""
+) -> tuple[list[Camera], list[CameraCalibration | None], list[Poses], list[Again], list[DegenerateGeometryError]]:
+    """Each camera by itself: camera, calibration, poses, and the function that calibrates it again; given ones stay.
+
+    Of a camera that is refused the calibration is None, and the camera one to begin with; the errors come last.
+    """
     cameras, alone, poses = [], [], []
+    refused: list[DegenerateGeometryError] = []
     again: list[Again] = []
     for side, (images, camera) in enumerate(zip(views.images, given, strict=True)):
         seen = [i for i, y in enumerate(images) if len(y)]
@@ -286,16 +315,46 @@ def _each_alone(
                     "covariances": None if here is None or len(here) != len(images) else [here[i] for i in seen],
                 },
             )  # fmt: skip
-            calibration = calibrate()
-            camera = calibration.camera
-            rvecs, tvecs = calibration.rvecs, calibration.tvecs
+            try:
+                calibration = calibrate()
+                camera, rvecs, tvecs = calibration.camera, calibration.rvecs, calibration.tvecs
+            except DegenerateGeometryError as error:
+                if options.fix_intrinsics or len(seen) < _VIEWS_OF_ONE:
+                    raise
+                refused.append(error)
+                camera = _any_camera(1.0, views.sizes[side], models[side])
+                rvecs, tvecs = estimate_poses(X, y, camera)
         else:
             rvecs, tvecs = estimate_poses(X, y, camera)
         cameras.append(camera)
         alone.append(calibration)
         again.append(calibrate)
         poses.append(Poses(np.array(seen), rotation_matrices(rvecs), tvecs))
-    return cameras, alone, poses, again
+    return cameras, alone, poses, again, refused
+
+
+def _any_camera(widths: float, size: tuple[int, int], model: str) -> Camera:
+    """A camera to begin with where little is known: a focal length of so many image widths, no distortion."""
+    f = widths * size[0]
+    K = np.array([[f, 0, (size[0] - 1) / 2], [0, f, (size[1] - 1) / 2], [0, 0, 1.0]])
+    return Camera(K, distortion_model(model).start(), size, model)
+
+
+def _at_focal_length(
+    widths: float, views: RigViews, models: Sequence[str], given: Sequence[Camera | None],
+    alone: Sequence[CameraCalibration | None], poses: list[Poses], cameras: list[Camera],
+) -> tuple[list[Camera], list[Poses]]:  # fmt: skip
+    """Cameras and their poses, those with a focal length of so many image widths that do not know theirs."""
+    cameras, poses = list(cameras), list(poses)
+    for c, calibration in enumerate(alone):
+        if given[c] is not None or (calibration and calibration.std[1] < _SURE * calibration.camera.fy):
+            continue
+        cameras[c] = _any_camera(widths, views.sizes[c], models[c])
+        seen = poses[c].views
+        X, y = [views.objects[c][i] for i in seen], [views.images[c][i] for i in seen]
+        rvecs, tvecs = estimate_poses(X, y, cameras[c])
+        poses[c] = Poses(seen, rotation_matrices(rvecs), tvecs)
+    return cameras, poses
 
 
 def _calibrate_alone(

@@ -170,7 +170,8 @@ def test_the_camera_that_cannot_be_calibrated_is_named() -> None:
     ):
         sc.calibrate_stereo(X, left, [*right[:1], *[None] * 5], SIZE)
     with pytest.raises(
-        sc.DegenerateGeometryError, match="left camera by itself: the boards of all 5 views are parallel"
+        sc.DegenerateGeometryError,
+        match=r"the boards of all 5 views are parallel.*views 0, 1, 2, 3, 4 hold the very same corners",
     ):
         sc.calibrate_stereo(X, left[:1] * 5, right[:1] * 5, SIZE)
 

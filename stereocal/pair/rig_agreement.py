@@ -1,0 +1,106 @@
+"""Views that disagree about where the cameras stand, named before the joint fit spreads their error over all.
+
+Corners may be right in every image and yet not belong together: counted from opposite ends of the board, from two
+photographs of different moments, from an image that is mirrored. No camera by itself notices, for turned or mirrored
+corners fit a turned or reversed board as well. The joint fit then has no good optimum; it bends focal lengths until
+no camera is left, and every view looks bad.
+
+At its start, though, things are still apart: the poses are the first camera's, and where the others stand is the
+median of all views (``rig_start``). There each view predicts its corners in the other cameras,
+
+    e_v = max over cameras c ≥ 1 of the RMS of p̃(K_c, k_c, R_c R_v, R_c T_v + T_c, P_j) − y^c_vj,
+
+and a view that is far off, where the median is not, is the odd one. Where half of them are far off there is no common
+rig at all. Which side of the board a camera sees is the sign of n·t (n the board's normal, t the way to it): a mirrored
+image, or corners counted in mirrored order, show the back.
+
+Nothing is said where the joint fit is about as good as the first camera by itself: what looked odd at the start was
+then the start's own error.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stereocal.base.checks import Float
+from stereocal.base.errors import ConvergenceError
+from stereocal.camera.bundle import Bundle, BundleState, residuals
+from stereocal.camera.bundle_solver import BundleSolution
+from stereocal.pair.rig_start import Poses
+
+# The joint fit is bad from this number of times the first camera's own RMS on, and not below this one in pixels.
+_BAD_FIT, _BAD_PIXELS = 4.0, 1.0
+# A view is odd beyond so many pixels and so many times the median view; a rig is none beyond these.
+_ODD_PIXELS, _ODD_FACTOR = 4.0, 6.0
+_NO_RIG_PIXELS, _NO_RIG_FACTOR = 10.0, 20.0
+
+
+def disagreement(bundle: Bundle, start: BundleState, poses: list[Poses], solution: BundleSolution) -> str:
+    """Return a sentence that names the views that do not fit the rig of the others; empty where there are none.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        Of a rig.
+    start : BundleState
+        Where its fit began: poses of the first camera, the median rig.
+    poses : list of Poses
+        Each camera's own.
+    solution : BundleSolution
+        Where the fit ended.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    ConvergenceError
+        If most views are far off, and the fit did not converge or is far off too.
+    """
+    own, predicted = _errors_at_start(bundle, start)
+    end = solution.equations.residuals
+    rms = float(np.sqrt(np.mean(np.sum(end * end, axis=1))))
+    if rms < max(_BAD_FIT * own, _BAD_PIXELS):
+        return ""
+    middle = float(np.nanmedian(predicted))
+    if middle > max(_NO_RIG_PIXELS, _NO_RIG_FACTOR * own):
+        if not solution.converged or rms > max(_NO_RIG_PIXELS, _NO_RIG_FACTOR * own):
+            raise ConvergenceError(
+                f"the views agree on no common rig: where the first camera sees the board predicts the corners of the "
+                f"others {middle:.0f} px off (median); {_likely_cause(poses)}"
+            )
+        return ""
+    odd = np.flatnonzero(predicted > max(_ODD_PIXELS, _ODD_FACTOR * middle))
+    if len(odd) == 0:
+        return ""
+    them = "it" if len(odd) == 1 else "them"
+    return (
+        f"view {', '.join(map(str, odd))} {'does' if len(odd) == 1 else 'do'} not fit the rig that the others see: "
+        "corners counted from opposite ends, or photographs that do not belong together; the whole fit suffers, leave "
+        f"{them} out or put {them} right"
+    )
+
+
+def _errors_at_start(bundle: Bundle, start: BundleState) -> tuple[float, Float]:
+    """The median RMS of the first camera's views, and e_v (NaN where no other camera saw the view)."""
+    d = residuals(bundle, start)
+    squares = np.nan_to_num(d[:, 0] ** 2 + d[:, 1] ** 2, nan=np.inf)
+    rms = np.sqrt(np.add.reduceat(squares, bundle.offsets[:-1]) / np.diff(bundle.offsets))
+    first = bundle.camera_of_block == 0
+    views = bundle.view_of_block
+    both = ~first & np.isin(views, views[first])
+    predicted = np.full(bundle.view_count, np.nan)
+    np.fmax.at(predicted, views[both], rms[both])
+    return float(np.median(rms[first])), predicted
+
+
+def _likely_cause(poses: list[Poses]) -> str:
+    sides = [np.sign(np.einsum("vi,vi->v", p.R[:, :, 2], p.t)) for p in poses]
+    seen_from = [float(np.median(side)) for side in sides]
+    if min(seen_from) * max(seen_from) < 0:
+        return (
+            "one camera sees the board's front and another its back: an image is mirrored, or its corners are counted "
+            "in mirrored order"
+        )
+    return "check that views of the same moment are paired, and that corners are counted from the same end in all"
