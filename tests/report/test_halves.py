@@ -28,5 +28,5 @@ def test_shutters_out_of_step_part_the_halves() -> None:
 
 
 def test_a_half_that_cannot_be_calibrated_gives_no_verdict() -> None:
-    case = make_case(views=4)
+    case = make_case(views=3)
     assert compare(case) is None
