@@ -33,6 +33,10 @@ model is the answer. As long as the lens draws its corners at about the scale of
 coefficients alone that are open, and the camera is good for every pixel: it is returned, with a warning
 (``lens_doubts``).
 
+**Or is it the lens?** A model that cannot draw the lens at all (a pinhole, for a wide angle) leaves residuals so large
+that tilts vanish among them. Before one camera of fewer coefficients than Brown's is refused, Brown's is fitted; where
+it leaves a third of the RMS or less, that is said, and the views are not blamed.
+
 Corners that fit exactly (synthetic ones) prove nothing: both questions are put for errors of at least 0.01 px.
 
 Source: Zhang (2000), section 2.4 and appendix D, for the degeneracy of parallel boards.
@@ -44,14 +48,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from stereocal.base.checks import Float
-from stereocal.base.errors import DegenerateGeometryError
+from stereocal.base.errors import ConvergenceError, DegenerateGeometryError
 from stereocal.base.rotations import rotation_matrices
 from stereocal.camera.bundle import Bundle, BundleState, NormalEquations
 from stereocal.camera.bundle_solver import schur_complement, solve_bundle
 from stereocal.camera.covariance import BundleCovariance
+from stereocal.camera.distortion import distortion_model
 from stereocal.camera.lens_doubts import squared_radii
+from stereocal.camera.parameters import intrinsic_names
 
 ADVICE = "photograph the board tilted by 30 to 45 degrees, to a different side each time"
 
@@ -73,6 +80,8 @@ _LONGEST = 100.0
 # Relative standard deviation of the focal length from which on parallel boards are looked for at another one.
 _UNSURE = 0.1
 _STEPS_ELSEWHERE = 100
+# A lens that leaves this part of the RMS is the better one.
+_FAR_BETTER = 3.0
 
 
 def refuse_degenerate(
@@ -106,6 +115,18 @@ def refuse_degenerate(
         Says which views, why, and what to photograph.
     """
     widths = [width] if isinstance(width, int) else list(width)
+    try:
+        _refuse(bundle, state, equations, joint, widths, names)
+    except DegenerateGeometryError:
+        if len(names) == 1 and (wrong := _wrong_lens(bundle, state, equations, widths[0])):
+            raise DegenerateGeometryError(wrong) from None
+        raise
+
+
+def _refuse(
+    bundle: Bundle, state: BundleState, equations: NormalEquations, joint: BundleCovariance, widths: list[int],
+    names: Sequence[str],
+) -> None:  # fmt: skip
     doubts = [_doubt(bundle, equations, joint, camera) for camera in range(len(names))]
     if _left_open_by_parallel_boards(bundle, joint, widths):
         _refuse_parallel(bundle, state, equations, joint, widths[0])
@@ -117,6 +138,36 @@ def refuse_degenerate(
         is_free = np.any(bundle.G[bundle.intrinsic_slices[camera]][:2]) and joint.degrees_of_freedom > 0
         if is_free and not (doubt < _UNDETERMINED * fy and fy < _LONGEST * widths[camera]):
             _refuse_open_focal_length(bundle, state, equations, joint, camera, f" of the {name} camera" if name else "")
+
+
+def _wrong_lens(bundle: Bundle, state: BundleState, equations: NormalEquations, width: int) -> str:
+    """In words: that Brown's lens fits far better than the one that was asked for; empty where it does not."""
+    from stereocal.camera.initialisation import solve_from_starts
+
+    lens, brown = bundle.G[5 : bundle.intrinsic_slices[0].stop].any(axis=0), distortion_model("brown")
+    of_K = bundle.G[:5, bundle.G[:5].any(axis=0)]
+    if np.count_nonzero(lens) >= brown.parameter_count or not of_K.shape[1] or bundle.shape_basis is not None:
+        return ""
+    G = np.ascontiguousarray(block_diag(of_K, np.eye(brown.parameter_count)), dtype=np.float64)
+    with_brown = replace(bundle, models=[brown], G=G, prior_weights=None, prior_means=None)
+    held = {name for name, row in zip(intrinsic_names(brown), G, strict=True) if not row.any()}
+    fx, fy = state.intrinsics[0][:2]
+    tied = fx / fy if np.any(bundle.G[0] * bundle.G[1]) else None
+    size = (width, int(bundle.measured[:, 1].max()) + 1)
+    try:
+        found = solve_from_starts(
+            with_brown, brown, held, size, aspect_ratio=tied, max_iterations=_STEPS_ELSEWHERE, backend="numba"
+        )
+    except ConvergenceError:
+        return ""
+    rms, rms_of_brown = (np.sqrt(np.mean(np.sum(e.residuals**2, axis=1))) for e in (equations, found.equations))
+    if not rms > _FAR_BETTER * max(rms_of_brown, _LEAST_NOISE):
+        return ""
+    return (
+        f"the lens of model {bundle.models[0].name!r} does not fit: it leaves an RMS of {rms:.2g} pixels, with which "
+        f"{_views(state)} cannot determine the focal length, where model 'brown' leaves {rms_of_brown:.2g}; choose "
+        "that, or another with more coefficients"
+    )
 
 
 def _refuse_open_focal_length(

@@ -101,7 +101,7 @@ def test_opencv_answers_where_there_is_no_answer() -> None:
 
 
 # seeds at which the focal length runs away to where noise looks like tilt, well beyond its own uncertainty
-@pytest.mark.parametrize("seed", [0, 3, 9])
+@pytest.mark.parametrize("seed", [2, 3, 9])
 def test_a_focal_length_that_ran_away_does_not_make_parallel_boards_tilted(seed: int) -> None:
     """Eight boards square to the camera: χ² at the focal length that was found takes their noise for tilt."""
     rng = np.random.default_rng(seed)
@@ -126,3 +126,14 @@ def test_a_prior_on_the_focal_length_closes_what_parallel_boards_leave_open() ->
     assert abs(found.camera.fx - f[0]) < 5
     with pytest.raises(sc.DegenerateGeometryError, match="parallel"):
         sc.calibrate_camera(X, corners, SIZE, priors={"fx": (f[0], 2000.0), "fy": (f[1], 2000.0)})
+
+
+def test_a_lens_that_does_not_fit_is_blamed_and_not_the_views() -> None:
+    """A wide angle taken for a pinhole: residuals of pixels hide the tilts, which are fine."""
+    rng = np.random.default_rng(0)
+    cam = sc.Camera([[330, 0, 320], [0, 330, 240], [0, 0, 1]], (-0.2, 0.02, 0, 0, 0), SIZE)
+    poses = [([0.2 * np.cos(a), 0.2 * np.sin(a), a / 3], [-4 + 2 * np.cos(a), -2.5, 6.5]) for a in np.arange(5)]
+    corners = [cam.project(X, r, np.array(t)) + rng.normal(0, 0.05, (54, 2)) for r, t in poses]
+    assert abs(sc.calibrate_camera(X, corners, SIZE).camera.fx - 330) < 3
+    with pytest.raises(sc.DegenerateGeometryError, match=r"lens of model 'pinhole' does not fit.*'brown' leaves"):
+        sc.calibrate_camera(X, corners, SIZE, model="pinhole")
