@@ -174,7 +174,7 @@ def convert_lens(target: DistortionModel, k12: Float, x: Float, held: Collection
         trial = k.copy()
         trial[free] = p[1:]
         if isinstance(target, BackwardModel):
-            return np.asarray((target.undistort(wanted / p[0], trial) - x).ravel())
+            return np.asarray((target.undistort_compiled(wanted / p[0], trial) - x).ravel())
         return np.asarray((p[0] * target.distort(x, trial) - wanted).ravel())
 
     fit = minimize_least_squares(curve, np.concatenate([[1.0], k[free]]), max_iterations=60)
