@@ -220,7 +220,7 @@ def solve_rig(
     else:
         start = begin(cameras, poses)
         solution = solve(start)
-    if not options.fix_intrinsics and any(c is not None and is_unsure(c) for c in alone):
+    if not refused and not options.fix_intrinsics and any(c is not None and is_unsure(c) for c in alone):
         begin_at_none = all(np.array_equal(lens.start(), lens.neutral()) for lens in lenses)
         for held_first in ("principal_point", "distortion") if begin_at_none else ("principal_point",):
             other = _with_held(held_first, again, poses, cameras)
