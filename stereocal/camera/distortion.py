@@ -167,7 +167,7 @@ def undistort_normalized(
     model : str
         A key of :data:`MODELS`.
     backend : {"numba", "numpy"}
-        The compiled kernel, where the model has one (pinhole, fisheye and OpenCV's family), or the reference in NumPy.
+        The compiled kernel, where the model has one (OpenCV's family, fisheye, rational_function), or the NumPy reference.
         They agree to 1e-12.
 
     Returns
