@@ -83,7 +83,7 @@ class RigCalibration:
     rejected : list of RejectedCorner
         Corners that were left out, with the reason.
     warnings : tuple of str
-        What the views leave open, see ``camera.lens_doubts``.
+        What the views leave open (``camera.lens_doubts``), and views that do not fit the others (``rig_agreement``).
     """
 
     cameras: tuple[Camera, ...]
@@ -208,6 +208,8 @@ def calibrate_rig(
         If the lists differ in length, or an argument has the wrong shape or value.
     DegenerateGeometryError
         If the views do not determine the cameras, or no chain of common views leads from a camera to the first.
+    ConvergenceError
+        If the views agree on no common rig: mirrored, mispaired, or counted from opposite ends.
 
     Notes
     -----

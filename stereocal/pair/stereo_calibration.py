@@ -69,7 +69,7 @@ class StereoCalibration:
     reason : str
         The test that ended it.
     left, right : CameraCalibration or None
-        The two cameras by themselves, where they were calibrated on the way.
+        The two cameras by themselves, where they were calibrated on the way and could be.
     board : BoardShape
         The board, with its shape where `board_warp` asked for it.
     joint : BundleCovariance
@@ -77,7 +77,7 @@ class StereoCalibration:
     rejected : list of RejectedCorner
         Corners that were left out, with the reason; camera 0 is the left one.
     warnings : tuple of str
-        What the views leave open, see ``camera.lens_doubts``.
+        What the views leave open (``camera.lens_doubts``), and views that do not fit the others (``rig_agreement``).
     """
 
     rig: StereoRig
@@ -190,7 +190,9 @@ def calibrate_stereo(
     InputError
         If the lists differ in length, or an argument has the wrong shape or value.
     DegenerateGeometryError
-        If the views do not determine the cameras.
+        If the views do not determine the cameras, not even both together.
+    ConvergenceError
+        If the pairs agree on no common rig: mirrored, mispaired, or counted from opposite ends.
 
     Notes
     -----
