@@ -167,8 +167,8 @@ def undistort_normalized(
     model : str
         A key of :data:`MODELS`.
     backend : {"numba", "numpy"}
-        The compiled kernel, where the model has one (OpenCV's family, fisheye, rational_function), or the NumPy reference.
-        They agree to 1e-12.
+        The compiled kernel, where the model has one (OpenCV's family, fisheye, rational_function), or the reference in
+        NumPy. They agree to 1e-12.
 
     Returns
     -------

@@ -250,14 +250,16 @@ def invert_map_kernel(y, k, limit, x):
 @njit(cache=True, nogil=True, error_model="numpy")
 def map_inside_kernel(x, k, y):
     """Write y = f(x) where x is inside the star-shaped domain of f about the centre; NaN outside."""
-    reach = 0.0
+    farthest = 0.0
     for i in range(len(x)):
-        radius = math.hypot(x[i, 0], x[i, 1])
-        if np.isfinite(radius):
-            reach = max(reach, radius)
-    safe = safe_radius(reach, k)
+        square = x[i, 0] * x[i, 0] + x[i, 1] * x[i, 1]
+        if square < np.inf:
+            farthest = max(farthest, square)
+    safe = safe_radius(math.sqrt(farthest), k)
     for i in range(len(x)):
-        y[i, 0] = y[i, 1] = np.nan
-        radius = math.hypot(x[i, 0], x[i, 1])
-        if np.isfinite(radius) and (radius <= safe or open_way(x[i, 0], x[i, 1], k) == 1):
-            y[i, 0], y[i, 1], _, _, _, _ = lens(x[i, 0], x[i, 1], k)
+        u, v = x[i, 0], x[i, 1]
+        square = u * u + v * v
+        if square < np.inf and (square <= safe * safe or open_way(u, v, k) == 1):
+            y[i, 0], y[i, 1], _, _, _, _ = lens(u, v, k)
+        else:
+            y[i, 0] = y[i, 1] = np.nan
