@@ -23,8 +23,9 @@ which is quadratic, decides. Parallel boards, however, fit with any focal length
 
 In a rig all cameras share the boards. What parallel boards leave open is one map of space that keeps planes of their
 direction as they are and takes the normal anywhere, three numbers for all cameras together; each number of a K that is
-known (skew, to begin with) settles one. So one camera of four unknowns leaves two open, two such cameras one, and from
-three on it is a question of how they are turned against each other, which the covariance answers.
+known (skew, to begin with) settles one. So one camera of four unknowns leaves two open, and two such cameras one. What
+is known of a second camera settles something new only if it is turned against the first, by 20° or more here; how well
+three or more of those do together, the covariance tells.
 
 **Is the focal length sure to within a half?** Otherwise it is refused too. If the boards are well tilted and it would
 be sure with the lens's coefficients held, tilts are not what is missing: the model has coefficients that these views
@@ -82,6 +83,8 @@ _UNSURE = 0.1
 _STEPS_ELSEWHERE = 100
 # A lens that leaves this part of the RMS is the better one.
 _FAR_BETTER = 3.0
+# Cameras turned against each other by less than this see parallel boards alike.
+_TURNED = np.radians(20.0)
 
 
 def refuse_degenerate(
@@ -128,7 +131,7 @@ def _refuse(
     names: Sequence[str],
 ) -> None:  # fmt: skip
     doubts = [_doubt(bundle, equations, joint, camera) for camera in range(len(names))]
-    if _left_open_by_parallel_boards(bundle, joint, widths):
+    if _left_open_by_parallel_boards(bundle, state, joint, widths):
         _refuse_parallel(bundle, state, equations, joint, widths[0])
         unsure = [doubt > _UNSURE * theta[1] for doubt, theta in zip(doubts, state.intrinsics, strict=True)]
         if any(unsure) and (elsewhere := _at_plausible_focal_length(bundle, state, widths[0])) is not None:
@@ -190,19 +193,23 @@ def _refuse_open_focal_length(
     )
 
 
-def _left_open_by_parallel_boards(bundle: Bundle, joint: BundleCovariance, widths: Sequence[int]) -> bool:
+def _left_open_by_parallel_boards(
+    bundle: Bundle, state: BundleState, joint: BundleCovariance, widths: Sequence[int]
+) -> bool:
     """Whether fewer than three numbers of all K are known; a prior far tighter than the image's width knows one."""
-    known = 0
-    unknowns: set[int] = set()
-    for part, width in zip(bundle.intrinsic_slices, widths, strict=True):
-        for row in range(part.start, part.start + 5):
-            weight = 0.0 if bundle.prior_weights is None else float(bundle.prior_weights[row])
-            if not bundle.G[row].any() or weight * _UNDETERMINED * width > np.sqrt(joint.variance):
-                known += 1
-            else:
-                unknowns |= set(np.flatnonzero(bundle.G[row]).tolist())
-    tied = 5 * len(widths) - known - len(unknowns)  # several parameters that are one unknown
-    return known + tied < 3
+    turned: list[tuple[Float, int]] = []  # cameras turned against each other, and how much each of them knows
+    for part, width, R in zip(bundle.intrinsic_slices, widths, state.R_rig, strict=True):
+        rows = np.arange(part.start, part.start + 5)
+        if bundle.prior_weights is not None:
+            rows = rows[bundle.prior_weights[rows] * _UNDETERMINED * width <= np.sqrt(joint.variance)]
+        known = 5 - int(np.count_nonzero(bundle.G[rows].any(axis=0)))
+        # 2 cos + 1 is the trace of the turn between two cameras
+        like = [i for i, (other, _) in enumerate(turned) if np.sum(R * other) > 2 * np.cos(_TURNED) + 1]
+        if like:
+            turned[like[0]] = turned[like[0]][0], max(known, turned[like[0]][1])
+        else:
+            turned.append((R, known))
+    return sum(known for _, known in turned) < 3
 
 
 def _refuse_parallel(

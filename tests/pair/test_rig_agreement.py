@@ -78,6 +78,8 @@ def test_cameras_given_as_a_start_do_not_hide_degenerate_views() -> None:
     left, right = parallel_pairs(0.1)
     with pytest.raises(sc.DegenerateGeometryError, match="boards of all 6 views are parallel"):
         sc.calibrate_stereo(X, left, right, SIZE, **given)
+    with pytest.raises(sc.DegenerateGeometryError, match="parallel"):  # known twice, for cameras that look the same way
+        sc.calibrate_stereo(X, left, right, SIZE, aspect_ratio=truth.left.fx / truth.left.fy)
     for options in ({"fix_intrinsics": True}, {"priors": {"fx": (530.0, 1.0), "fy": (530.0, 1.0)}}):
         found = sc.calibrate_stereo(X, left, right, SIZE, **given, **options)
         np.testing.assert_allclose(found.rig.T, truth.T, atol=0.1)
