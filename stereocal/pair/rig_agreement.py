@@ -58,10 +58,12 @@ def disagreement(bundle: Bundle, start: BundleState, poses: list[Poses], solutio
     ConvergenceError
         If most views are far off, and the fit did not converge or is far off too.
     """
-    own, predicted = _errors_at_start(bundle, start)
     end = solution.equations.residuals
-    rms = float(np.sqrt(np.mean(np.sum(end * end, axis=1))))
-    if rms < max(_BAD_FIT * own, _BAD_PIXELS):
+    rms = float(np.sqrt(np.vdot(end, end) / len(end)))
+    if rms < _BAD_PIXELS:  # a healthy rig does not pay for more
+        return ""
+    own, predicted = _errors_at_start(bundle, start)
+    if rms < _BAD_FIT * own:
         return ""
     middle = float(np.nanmedian(predicted))
     if middle > max(_NO_RIG_PIXELS, _NO_RIG_FACTOR * own):
