@@ -225,7 +225,8 @@ def solve_rig(
         for held_first in ("principal_point", "distortion") if begin_at_none else ("principal_point",):
             other = _with_held(held_first, again, poses, cameras)
             solution = solution if other is None else min(solution, solve(begin(*other)), key=lambda s: s.cost)
-    if refused and not solution.converged:
+    # both together determine no more: no optimum, or one with a pose that nothing holds
+    if refused and not (solution.converged and np.linalg.eigvalsh(solution.equations.V).min() > 0):
         raise refused[0]
     odd = disagreement(bundle, start, poses, solution)
     every = [f"{camera}.{name}" for camera, own in zip(views.names, parameters, strict=True) for name in own]
