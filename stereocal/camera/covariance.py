@@ -33,6 +33,9 @@ from stereocal.camera.bundle import Bundle, BundleState, NormalEquations
 from stereocal.camera.bundle_solver import schur_complement
 from stereocal.camera.losses import robust_variance
 
+# Smallest eigenvalue of V, over the largest, at which Cholesky's method may fail by rounding alone.
+_ROUNDING = 1e-14
+
 
 @dataclass(frozen=True, eq=False)
 class BundleCovariance:
@@ -81,7 +84,7 @@ def bundle_covariance(bundle: Bundle, state: BundleState, equations: NormalEquat
     freedom = 2 * len(bundle.points) + priors - free - 6 * bundle.view_count
     n = bundle.G.shape[0]
     half = half_of_inverse(equations)
-    if half is None or freedom <= 0:
+    if half is None or freedom <= 0 or not _poses_are_held(equations):
         shapes = ((n, n), (bundle.view_count, n, 6), (bundle.view_count, 6, 6))
         return BundleCovariance(np.inf, freedom, *(np.full(shape, np.inf) for shape in shapes))
     variance = equations.cost / freedom
@@ -101,6 +104,14 @@ def bundle_covariance(bundle: Bundle, state: BundleState, equations: NormalEquat
             rig[part.start : part.start + 3, part.start : part.start + 3] = J
         shared, cross = rig @ shared @ rig.T, rig @ cross
     return BundleCovariance(variance, freedom, variance * shared, variance * cross, variance * views)
+
+
+def _poses_are_held(equations: NormalEquations) -> bool:
+    """Whether each view's corners determine its pose to better than rounding."""
+    if equations.factors is not None:  # the kernel has found V's Cholesky factors
+        return True
+    values = np.linalg.eigvalsh(equations.V)
+    return bool(np.all(values[:, 0] > _ROUNDING * values[:, -1]))
 
 
 def pose_covariances(G_half: Float, half: Float, rvecs: Float, equations: NormalEquations) -> tuple[Float, Float]:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import stereocal as sc
 from stereocal.base.rotations import rotation_matrices, rotation_matrix
-from stereocal.camera.bundle import Bundle, BundleState, residuals
+from stereocal.camera.bundle import Bundle, BundleState, normal_equations, residuals
 from stereocal.camera.bundle_compiled import CompiledEngine
 from stereocal.camera.bundle_problem import intrinsics_of, make_bundle
 from stereocal.camera.bundle_solver import NumpyEngine, solve_bundle
@@ -115,3 +115,20 @@ def test_many_views_start_from_a_few_and_end_at_the_same_optimum() -> None:
     flat, _ = mono_views(camera(), X, 1, seed=7)
     corners[::5] = [flat[0] + np.random.default_rng(i).normal(0, 0.3, flat[0].shape) for i in range(46)]
     assert sc.calibrate_camera(X, corners, SIZE).converged
+
+
+def test_a_pose_that_its_corners_do_not_hold_is_infinitely_unsure() -> None:
+    X = board()
+    corners, poses = mono_views(camera(), X, 4, seed=2, noise=0.1)
+    lens = MODELS["brown"]
+    G = free_columns(intrinsic_names(lens), {"skew"}, None)
+    bundle = make_bundle([lens], [[X] * 4], [corners], G)
+    R, t = (np.array([pose[k] for pose in poses]) for k in (0, 1))
+    R = np.array([rotation_matrix(r) for r in R]) if R.ndim == 2 else R
+    state = BundleState([intrinsics_of(camera())], np.eye(3)[None], np.zeros((1, 3)), R, t)
+    equations = normal_equations(bundle, state)
+    assert np.isfinite(bundle_covariance(bundle, state, equations).shared).all()
+    values, Q = np.linalg.eigh(equations.V[1])
+    equations = normal_equations(bundle, state)
+    equations.V[1] = Q @ np.diag([1e-18 * values[-1], *values[1:]]) @ Q.T
+    assert np.isinf(bundle_covariance(bundle, state, equations).shared).all()
