@@ -157,7 +157,9 @@ def test_a_flat_valley_is_followed_to_its_end(data: Path, model: str) -> None:
         [X.astype(np.float32)] * 5, [y.astype(np.float32) for y in corners], SIZE, None, None, flags=flags[model],
         criteria=(cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 300, 1e-15),
     )[0]  # fmt: skip
-    assert found.rms <= theirs * (1 + 1e-6)  # they see the corners rounded to float32
+    # They see the corners rounded to float32. Thin prism has several ends of the valley within 6e-6 of each other, and
+    # rounding (the threads of the linear algebra, even) decides which one is reached: theirs may be the lower.
+    assert found.rms <= theirs * (1 + (1e-5 if model == "thin_prism" else 1e-6))
     early = sc.calibrate_camera(X, corners, SIZE, model="thin_prism", max_iterations=5)
     assert not early.converged
     assert "NOT converged (iterations)" in early.summary()
