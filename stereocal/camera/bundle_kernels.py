@@ -9,7 +9,7 @@ The equations and letters are those of ``bundle``. What differs is the order of 
   8 points, the width of a vector; points that only fill up have the weight 0, and so has 1/Z, which makes their x, and
   with it every derivative, vanish.
 - The Jacobian is never kept. A column of it is a row here, ∂u of all points and then ∂v, and JᵀJ is taken at once, four
-  columns by four: sixteen sums that stay in registers while eight columns are read.
+  columns by four: sixteen sums that stay in registers while eight columns are read (``tile_products``).
 - Derivatives are first taken by the block's own pose (a turn ω and a shift δt in the camera's frame) and the camera's
   parameters. Of the outcome A = JᵀJ, a matrix of at most 26 × 26, the parts for view and rig follow by 6×6 matrices,
   from R_c R_v with ω = ω_c + R_c ω_v and δt = δt_c − [R_c t_v]ₓ ω_c + R_c δt_v.
@@ -29,6 +29,8 @@ import math
 
 import numpy as np
 from numba import njit
+
+from stereocal.camera.tile_products import add_tile
 
 CHUNK = 64
 STRIDE = 2 * CHUNK  # a row of J: ∂u of the chunk, then ∂v
@@ -322,47 +324,12 @@ def weigh_chunk(first, m, rows, whitening, loss, scale, J):
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=SUMS, **INNER)
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def add_products(rows, full, J, A):
     """Add JᵀJ of the rows listed (a multiple of four) to the lower triangle of A, by tiles of 4 × 4."""
     for i in range(0, len(rows), 4):
-        x0, x1 = J[rows[i] :], J[rows[i + 1] :]
-        x2, x3 = J[rows[i + 2] :], J[rows[i + 3] :]
         for k in range(0, i + 4, 4):
-            y0, y1 = J[rows[k] :], J[rows[k + 1] :]
-            y2, y3 = J[rows[k + 2] :], J[rows[k + 3] :]
-            s00 = s01 = s02 = s03 = s10 = s11 = s12 = s13 = 0.0
-            s20 = s21 = s22 = s23 = s30 = s31 = s32 = s33 = 0.0
-            for j in range(full):
-                h = CHUNK + j
-                a0, a1 = y0[j], y1[j]
-                a2, a3 = y2[j], y3[j]
-                b0, b1 = y0[h], y1[h]
-                b2, b3 = y2[h], y3[h]
-                c, d = x0[j], x0[h]
-                s00 += c * a0 + d * b0
-                s01 += c * a1 + d * b1
-                s02 += c * a2 + d * b2
-                s03 += c * a3 + d * b3
-                c, d = x1[j], x1[h]
-                s10 += c * a0 + d * b0
-                s11 += c * a1 + d * b1
-                s12 += c * a2 + d * b2
-                s13 += c * a3 + d * b3
-                c, d = x2[j], x2[h]
-                s20 += c * a0 + d * b0
-                s21 += c * a1 + d * b1
-                s22 += c * a2 + d * b2
-                s23 += c * a3 + d * b3
-                c, d = x3[j], x3[h]
-                s30 += c * a0 + d * b0
-                s31 += c * a1 + d * b1
-                s32 += c * a2 + d * b2
-                s33 += c * a3 + d * b3
-            tile = ((s00, s01, s02, s03), (s10, s11, s12, s13), (s20, s21, s22, s23), (s30, s31, s32, s33))
-            for a in range(4):
-                for b in range(4):
-                    A[i + a, k + b] += tile[a][b]
+            add_tile(J, rows, i, k, full, CHUNK, A)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=SUMS, **INNER)

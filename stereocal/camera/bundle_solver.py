@@ -4,9 +4,11 @@ One step solves the damped equations of ``bundle`` by the Schur complement over 
 becomes of the damping μ, is decided by the gain ratio as in ``base.least_squares``. The iteration ends when
 
 - gradient: every |b_i| / √(A_ii F) ≤ 1e-10: the residuals are orthogonal to all that can be changed;
-- cost: the decrease that is still to come is ≤ 1e-14 F, or F has come down to rounding (1e-9 px a point). To come is
-  what the model promises; or, of steps that are hardly damped and win, what those after this one will: promises p then
-  fall like a geometric series, of a ratio q that the last three tell (the larger counts), and p q / (1 − q) is left;
+- cost: a step promises to lower F by ≤ 1e-14 of it; or, of steps that are hardly damped and win, those after this one
+  will by ≤ 1e-12: promises p then fall like a geometric series, of a ratio q that the last three tell (the larger
+  counts), and p q / (1 − q) is left. To be 1e-12 F above the optimum is to be off by 1e-6 √n standard deviations, n
+  being the number of residuals: with ten thousand of them by a ten-thousandth of what noise does. Or F has come down to
+  rounding (1e-9 px a point);
 - step: no coordinate would move by more than 1e-12 of its own scale.
 
 The last two count only while μ is small: a heavily damped step is short and promises little, far from any optimum.
@@ -32,6 +34,7 @@ from stereocal.camera.bundle_compiled import CompiledEngine, has_kernel
 
 _GRADIENT_TOLERANCE = 1e-10
 _COST_TOLERANCE = 1e-14
+_TO_COME_TOLERANCE = 1e-12
 _STEP_TOLERANCE = 1e-12
 _PERFECT_FIT = 1e-9
 # A loss of F smaller than this part of it, where hardly anything was promised, is rounding and not a wrong model.
@@ -171,7 +174,7 @@ def solve_bundle(
             rounding = won <= 0 and max(promised, -won) <= noise
             if longest <= _STEP_TOLERANCE * math.sqrt(cost):
                 reason = "step"
-            elif min(promised, to_come) <= _COST_TOLERANCE * cost or rounding:
+            elif promised <= _COST_TOLERANCE * cost or to_come <= _TO_COME_TOLERANCE * cost or rounding:
                 reason = "cost"
         if won > 0:
             rho = won / promised if promised > 0 else 1.0

@@ -3,16 +3,18 @@
 Each candidate K is judged by what it is for: the poses are taken from the homographies (``seen_boards``), the corners
 are projected by an ideal lens, and the candidate with the least distance to the measured corners goes first.
 
-1. Zhang's closed form without skew;
-2. Zhang's closed form with the principal point at the middle of the image, fx and fy free;
+1. Zhang's closed form with the principal point at the middle of the image, fx and fy free;
+2. Zhang's closed form without skew;
 3. a focal-length search: fx = fy = 0.25 … 8 image widths, in steps of 2^¼, principal point in the middle: all
    local minima;
 4. a focal-length search with a lens: at each of 0.25 … 8 widths, in steps of 2^½, K is held while k1, k2 and the poses
    are fitted, and each board is tried tilted the other way (``pose_reversal``); the two lowest minima.
 
-The first is right for good views of a mild lens. Noise, small tilts and strong distortion throw it off (B is not
-positive definite, or the principal point lands outside of the image) and the others stand in: a fixed focal length
-cannot fail. The third needs no iteration, but an ideal lens is no good judge of what a strong one has drawn, nor does
+The second is right for good views of an ideal lens. But what a real lens bends, it takes for perspective and puts the
+principal point elsewhere, often by a tenth of the image; few cameras are as far off the middle as that, and from there
+the iteration needs fewer steps (6 instead of 11 on views of a webcam's lens). Noise, small tilts and strong distortion
+can throw off both (B is not positive definite, or the principal point lands outside of the image) and the others stand
+in: a fixed focal length cannot fail. The third needs no iteration, but an ideal lens is no good judge of what a strong one has drawn, nor does
 it tell a tilt from its mirror image; the fourth is and does, at the price of a fit for each focal length.
 """
 
@@ -63,7 +65,7 @@ def start_from(K: Float, boards: SeenBoards) -> Start:
 def closed_form_starts(boards: SeenBoards, image_size: tuple[int, int], aspect_ratio: float | None) -> Iterator[Start]:
     """Yield the starts that Zhang's closed forms give, where they have a plausible answer."""
     width, height = image_size
-    for options in ({"skew": False}, {"principal_point": np.array([(width - 1) / 2, (height - 1) / 2])}):
+    for options in ({"principal_point": np.array([(width - 1) / 2, (height - 1) / 2])}, {"skew": False}):
         try:
             K = zhang_intrinsics(boards.H, **options)
         except DegenerateGeometryError:

@@ -62,6 +62,8 @@ _AWAY = 0.2
 _OUTLYING = 3.0
 # From this number of views on, a part of them, about so many, gives the camera to begin with.
 _MANY_VIEWS, _FEW_VIEWS = 200, 40
+# The starts are good: hardly damped, the first step wins more. Where one is not, the damping grows within a few trials.
+_START_DAMPING = 1e-6
 # Steps of each start, and how near to the lowest (as a part of F) a start must come to go on from there.
 _TRIAL_STEPS = 200
 _NEAR = 2e-3
@@ -108,7 +110,7 @@ def solve_from_starts(
     for state in states if from_few is None else chain([from_few], states):
         solution = solve_bundle(
             bundle, state, max_iterations=min(max_iterations, _TRIAL_STEPS), backend=backend,
-            initial_damping=1e-6 if state is from_few else 1e-3,
+            initial_damping=_START_DAMPING,
         )  # fmt: skip
         tried.append(_held_where_stuck(bundle, solution, lens, max_iterations, backend))
         if _beyond_doubt(bundle, tried[-1], image_size):
