@@ -25,6 +25,8 @@ from stereocal.base.homogeneous import cross_matrix
 
 # Below this angle the series, cut after the θ⁴ term, is exact to the last bit and the closed forms are not.
 _SMALL_ANGLE = 1e-2
+# r @ this is ½[r]ₓ, its nine entries in a row.
+_HALF_CROSS = 0.5 * np.array([[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]])
 
 
 def _coefficients(theta: float) -> tuple[float, float, float]:
@@ -180,18 +182,19 @@ def rotation_vectors(R: Float) -> Float:
 
 
 def left_jacobian_inverse(rvecs: Float) -> Float:
-    """Return J_l(r)⁻¹ = I − ½[r]ₓ + (1/θ² − cot(θ/2)/(2θ)) [r]ₓ² of vectors (V, 3): (V, 3, 3).
+    """Return J_l(r)⁻¹ = I − ½[r]ₓ + d [r]ₓ² = a I − ½[r]ₓ + d r rᵀ of vectors (V, 3): (V, 3, 3).
 
-    A small turn ω on the left of exp([r]ₓ) changes r by J_l(r)⁻¹ ω.
+    A small turn ω on the left of exp([r]ₓ) changes r by J_l(r)⁻¹ ω. a = (θ/2) cot(θ/2) and d = (1 − a) / θ². Where θ is
+    small, 1 − a is little more than rounding, but then it counts no more than that in J_l⁻¹ either.
     """
-    theta2 = np.sum(rvecs * rvecs, axis=1)
-    theta = np.sqrt(theta2)
-    small = theta < _SMALL_ANGLE
-    safe = np.where(small, 1.0, theta)
-    closed = 1 / safe**2 - 1 / (2 * safe * np.tan(safe / 2))
-    d = np.where(small, 1 / 12 + theta2 / 720 + theta2**2 / 30240, closed)
-    rx = cross_matrices(rvecs)
-    return np.asarray(np.eye(3) - 0.5 * rx + d[:, None, None] * (rx @ rx))
+    theta = np.maximum(np.sqrt(np.einsum("vi,vi->v", rvecs, rvecs)), 1e-8)
+    half = 0.5 * theta
+    a = half / np.tan(half)
+    J = (rvecs * ((1 - a) / (theta * theta))[:, None])[:, :, None] * rvecs[:, None, :]
+    rows = J.reshape(len(J), 9)
+    rows -= rvecs @ _HALF_CROSS
+    rows[:, ::4] += a[:, None]
+    return np.asarray(J)
 
 
 def cross_matrices(vectors: Float) -> Float:

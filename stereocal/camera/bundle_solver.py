@@ -4,11 +4,12 @@ One step solves the damped equations of ``bundle`` by the Schur complement over 
 becomes of the damping μ, is decided by the gain ratio as in ``base.least_squares``. The iteration ends when
 
 - gradient: every |b_i| / √(A_ii F) ≤ 1e-10: the residuals are orthogonal to all that can be changed;
-- cost: a step promises to lower F by ≤ 1e-14 of it; or, of steps that are hardly damped and win, those after this one
-  will by ≤ 1e-12: promises p then fall like a geometric series, of a ratio q that the last three tell (the larger
-  counts), and p q / (1 − q) is left. To be 1e-12 F above the optimum is to be off by 1e-6 √n standard deviations, n
-  being the number of residuals: with ten thousand of them by a ten-thousandth of what noise does. Or F has come down to
-  rounding (1e-9 px a point);
+- cost: the decrease that is still to come is ≤ 1e-14 F, or F has come down to rounding (1e-9 px a point). To come is
+  what the model promises; or, of steps that are hardly damped and win, what those after this one will: promises p then
+  fall like a geometric series, of a ratio q that the last three tell (the larger counts), and p q / (1 − q) is left.
+  Where they fall fast, q ≤ 1/10, 1e-12 F will do: that is 1e-6 √n standard deviations, n being the number of residuals,
+  with ten thousand of them a ten-thousandth of what noise does. (Along a valley they fall slowly, and more slowly yet
+  as it goes on: there nothing is to be had for free);
 - step: no coordinate would move by more than 1e-12 of its own scale.
 
 The last two count only while μ is small: a heavily damped step is short and promises little, far from any optimum.
@@ -34,7 +35,7 @@ from stereocal.camera.bundle_compiled import CompiledEngine, has_kernel
 
 _GRADIENT_TOLERANCE = 1e-10
 _COST_TOLERANCE = 1e-14
-_TO_COME_TOLERANCE = 1e-12
+_FAST, _FAST_TOLERANCE = 0.1, 1e-12
 _STEP_TOLERANCE = 1e-12
 _PERFECT_FIT = 1e-9
 # A loss of F smaller than this part of it, where hardly anything was promised, is rounding and not a wrong model.
@@ -171,10 +172,11 @@ def solve_bundle(
         if mu <= _TRUSTED_DAMPING:
             q = max(promised / last[1], last[1] / last[0])
             to_come = promised * q / (1 - q) if won > 0 and mu <= _NEGLIGIBLE_DAMPING and q < 1 else np.inf
+            tolerance = _FAST_TOLERANCE if q <= _FAST else _COST_TOLERANCE
             rounding = won <= 0 and max(promised, -won) <= noise
             if longest <= _STEP_TOLERANCE * math.sqrt(cost):
                 reason = "step"
-            elif promised <= _COST_TOLERANCE * cost or to_come <= _TO_COME_TOLERANCE * cost or rounding:
+            elif promised <= _COST_TOLERANCE * cost or to_come <= tolerance * cost or rounding:
                 reason = "cost"
         if won > 0:
             rho = won / promised if promised > 0 else 1.0

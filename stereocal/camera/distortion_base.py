@@ -63,7 +63,10 @@ class DistortionModel(ABC):
         return self.neutral()
 
     def stuck(self, k: Float) -> tuple[str, ...]:
-        """Return the parameters that do not change the map to first order at k: a bound no step leads away from."""
+        """Return the parameters that do not change the map to first order near k: a bound no step leads away from.
+
+        The bound is their neutral value.
+        """
         return ()
 
     @abstractmethod

@@ -64,6 +64,8 @@ _OUTLYING = 3.0
 _MANY_VIEWS, _FEW_VIEWS = 200, 40
 # The starts are good: hardly damped, the first step wins more. Where one is not, the damping grows within a few trials.
 _START_DAMPING = 1e-6
+# At a bound itself the derivative vanishes, and with it the normal equations.
+_NEXT_TO_BOUND = 1e-6
 # Steps of each start, and how near to the lowest (as a part of F) a start must come to go on from there.
 _TRIAL_STEPS = 200
 _NEAR = 2e-3
@@ -176,13 +178,16 @@ def _polished(bundle: Bundle, tried: list[BundleSolution], max_iterations: int, 
 def _held_where_stuck(
     bundle: Bundle, solution: BundleSolution, lens: DistortionModel, max_iterations: int, backend: str
 ) -> BundleSolution:
-    """Go on with the parameters held that reached a bound of the model (``DistortionModel.stuck``)."""
+    """Go on with the parameters held, next to it, that reached a bound of the model (``DistortionModel.stuck``)."""
     stuck = lens.stuck(solution.state.intrinsics[0][5:])
     if solution.converged or not stuck:
         return solution
     rows = [5 + lens.parameter_names.index(name) for name in stuck]
     part = replace(bundle, G=bundle.G[:, ~np.any(bundle.G[rows] != 0, axis=0)])
-    further = solve_bundle(part, solution.state, max_iterations=max_iterations, backend=backend)
+    theta = solution.state.intrinsics[0].copy()
+    theta[rows] = lens.neutral()[[row - 5 for row in rows]] + _NEXT_TO_BOUND
+    there = replace(solution.state, intrinsics=[theta])
+    further = solve_bundle(part, there, max_iterations=max_iterations, backend=backend)
     equations = normal_equations(bundle, further.state)
     return replace(further, equations=equations, iterations=solution.iterations + further.iterations)
 
@@ -256,5 +261,6 @@ def _beyond_doubt(bundle: Bundle, solution: BundleSolution, image_size: tuple[in
     half = half_of_inverse(solution.equations)
     if half is None:
         return False  # something is not determined at all: another start may do better
-    variance = max(float(row @ row) for row in bundle.G[2:4] @ half) * solution.cost / freedom
+    rows = bundle.G[2:4] @ half
+    variance = float((rows * rows).sum(axis=1).max()) * solution.cost / freedom
     return math.sqrt(variance) < _UNSURE * max(image_size)

@@ -46,6 +46,8 @@ _RANK = 1e-9
 # Rows and columns of B's six entries, and how often each stands in hᵢᵀ B hⱼ (half, for what is said twice below).
 _FIRST, _SECOND = np.array([0, 0, 1, 2, 2, 2]), np.array([0, 1, 1, 0, 1, 2])
 _OFF_DIAGONAL = np.array([0.5, 1, 0.5, 1, 1, 0.5])
+# The entries that are left where the origin is the principal point and there is no skew: B11, B22, B33.
+_CENTRED = [0, 2, 5]
 
 _ADVICE = "photograph the board tilted by 30 to 45 degrees, to a different side each time"
 
@@ -200,20 +202,24 @@ def _image_normalization(H: Float, centre: Float | None) -> Float:
     return np.array([[1 / scale, 0, -middle[0] / scale], [0, 1 / scale, -middle[1] / scale], [0, 0, 1.0]])
 
 
-def _conic_rows(H: Float) -> Float:
-    """The two rows of each view, v12 and v11 − v22: (2V, 6)."""
-    p, q = H[:, :, 0], H[:, :, 1]
+def _conic_rows(H: Float, columns: list[int]) -> Float:
+    """The two rows of each view, v12 and v11 − v22, of which `columns` are wanted: (2V, len(columns))."""
+    columns_of_H = H[:, :, :2]
     # Each view counts the same, whatever the distance of its board.
-    scale = 1 / np.maximum(np.einsum("vi,vi->v", p, p) + np.einsum("vi,vi->v", q, q), 1e-300)[:, None]
-    p_i, q_i = (p * scale)[:, _FIRST], (q * scale)[:, _FIRST]
-    p_j, q_j = p[:, _SECOND], q[:, _SECOND]
-    return np.concatenate([(p_i * q_j + p_j * q_i) * _OFF_DIAGONAL, (p_i * p_j - q_i * q_j) * (2 * _OFF_DIAGONAL)])
+    scale = 1 / np.maximum(np.einsum("vij,vij->v", columns_of_H, columns_of_H), 1e-300)
+    p, q = columns_of_H.transpose(2, 1, 0)
+    p_scaled, q_scaled = p * scale, q * scale
+    if columns == _CENTRED:  # B is diagonal: no products of different entries
+        return np.concatenate([p_scaled * q, p_scaled * p - q_scaled * q], axis=1).T
+    first, second, weight = _FIRST[columns], _SECOND[columns], _OFF_DIAGONAL[columns, None]
+    p_i, q_i, p_j, q_j = p_scaled[first], q_scaled[first], p[second], q[second]
+    return np.concatenate([(p_i * q_j + p_j * q_i) * weight, (p_i * p_j - q_i * q_j) * (2 * weight)], axis=1).T
 
 
 def _smallest_conic(H: Float, *, skew: bool, centred: bool) -> Float:
     """The b of least ‖V b‖ among those that the assumptions allow; its six entries."""
-    columns = [0, 2, 5] if centred else [0, 1, 2, 3, 4, 5] if skew else [0, 2, 3, 4, 5]
-    V = _conic_rows(H)[:, columns]
+    columns = _CENTRED if centred else [0, 1, 2, 3, 4, 5] if skew else [0, 2, 3, 4, 5]
+    V = _conic_rows(H, columns)
     if len(V) < len(columns):  # two views and five unknowns: a row of zeros brings the null vector into the thin factor
         V = np.vstack([V, np.zeros((len(columns) - len(V), len(columns)))])
     norms = np.sqrt(np.einsum("ij,ij->j", V, V))
