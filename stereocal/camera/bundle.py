@@ -46,7 +46,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 import numpy as np
 
@@ -106,11 +106,11 @@ class Bundle:
     loss: str = "linear"
     loss_scale: float = 1.0
 
-    @property
+    @cached_property
     def intrinsic_slices(self) -> list[slice]:
         """Where θ_c stands among all shared parameters."""
-        ends = np.cumsum([0, *(5 + model.parameter_count for model in self.models)])
-        return [slice(int(a), int(b)) for a, b in pairwise(ends)]
+        ends = accumulate((5 + model.parameter_count for model in self.models), initial=0)
+        return [slice(a, b) for a, b in pairwise(ends)]
 
     @property
     def rig_slices(self) -> list[slice]:

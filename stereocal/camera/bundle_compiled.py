@@ -53,17 +53,17 @@ class CompiledEngine:
         numbers = np.arange(len(bundle.view_of_block))
         first = np.zeros(views, dtype=np.int64)  # block of each view: from the last on, so that the first one stays
         first[bundle.view_of_block[::-1]] = numbers[::-1]
-        fresh = first[bundle.view_of_block] == numbers
-        blocks = np.array(
-            [bundle.camera_of_block, bundle.view_of_block, bundle.offsets[:-1], bundle.offsets[1:], fresh]
-        )
+        blocks = np.empty((len(numbers), 5), dtype=np.int64)
+        blocks[:, 0], blocks[:, 1] = bundle.camera_of_block, bundle.view_of_block
+        blocks[:, 2], blocks[:, 3] = bundle.offsets[:-1], bundle.offsets[1:]
+        blocks[:, 4] = first[bundle.view_of_block] == numbers
         whitening = np.zeros((4, 0)) if bundle.whitening is None else bundle.whitening.reshape(-1, 4).T
         lenses = [_COEFFICIENTS[model.name] for model in bundle.models]
         kinds = [_KINDS.get(model.name, 0) for model in bundle.models]
         columns, places, sizes, to, factor = _unknowns(bundle.G, lenses, bundle_kernels.STRIDE, bundle_kernels.LAST)
         plain = bundle.whitening is None and bundle.loss == "linear"
         self._problem = (
-            data, np.ascontiguousarray(whitening), blocks.T.copy(), None if plain else LOSSES.index(bundle.loss),
+            data, np.ascontiguousarray(whitening), blocks, None if plain else LOSSES.index(bundle.loss),
             float(bundle.loss_scale), np.array(lenses), np.array(kinds) if any(kinds) else None, columns, sizes, to,
             factor,
         )  # fmt: skip
@@ -174,5 +174,5 @@ def _unknowns(G: Float, lenses: list[int], stride: int, last: int) -> tuple[np.n
         to[c, i], sizes[c] = free, i + 1
         start += 5 + count
     # tiles beyond the columns that any camera uses would be filled for nothing
-    used = int(np.max(np.where(np.arange(cameras) == 0, sizes, sizes - 6)))
+    used = max(int(size) - (6 if c > 0 else 0) for c, size in enumerate(sizes))
     return columns[:, : (used + 3) // 4 * 4].copy(), places, sizes, to, factor

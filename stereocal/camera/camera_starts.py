@@ -32,7 +32,7 @@ from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
 from stereocal.camera.lens_starts import state_of, with_polynomial
 from stereocal.camera.pose_reversal import solve_with_reversals
 from stereocal.camera.seen_boards import SeenBoards
-from stereocal.camera.zhang import zhang_intrinsics
+from stereocal.camera.zhang import camera_of_homographies
 
 # Of the search with a lens: steps of each fit, rounds of reversal, and how many minima go on.
 _SEARCH_STEPS, _REVERSALS, _BEST = 30, 3, 2
@@ -65,9 +65,9 @@ def start_from(K: Float, boards: SeenBoards) -> Start:
 def closed_form_starts(boards: SeenBoards, image_size: tuple[int, int], aspect_ratio: float | None) -> Iterator[Start]:
     """Yield the starts that Zhang's closed forms give, where they have a plausible answer."""
     width, height = image_size
-    for options in ({"principal_point": np.array([(width - 1) / 2, (height - 1) / 2])}, {"skew": False}):
+    for centre in (np.array([(width - 1) / 2, (height - 1) / 2]), None):
         try:
-            K = zhang_intrinsics(boards.H, **options)
+            K = camera_of_homographies(boards.H, skew=False, centre=centre)
         except DegenerateGeometryError:
             continue  # this closed form has no answer here; the next candidate stands in
         if plausible(K[0, 0], K[1, 1], K[0, 2], K[1, 2], image_size):

@@ -100,10 +100,12 @@ def smallest(B, h, half, after):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def homographies_kernel(data, offsets, H, degenerate, C, B, h, work, similarities):
-    """Fill H (V, 9), scaled to unit norm with a last entry ≥ 0, and flags of views whose points lie on a line.
+def homographies_kernel(data, offsets, H, middle, degenerate, C, B, h, work, similarities):
+    """Fill H (V, 9), `middle` (V, 2), and flags of views whose points lie on a line.
 
-    `data` has rows X, Y, Z, u, v; view i is its columns offsets[i] : offsets[i + 1]. Scratch: C (5, points of the
+    The middle (X_m, Y_m) is the mean of a view's board points, and H is about it: from (X − X_m, Y − Y_m, 1) to (u, v,
+    1), scaled to unit norm with a last entry ≥ 0. `data` has rows X, Y, Z, u, v; view i is its columns offsets[i] :
+    offsets[i + 1]. Scratch: C (5, points of the
     largest view), whose third row holds ones, B (18, 9), h (9), work (2, 9) and similarities (2, 3).
     """
     a, b = similarities[0], similarities[1]
@@ -126,10 +128,10 @@ def homographies_kernel(data, offsets, H, degenerate, C, B, h, work, similaritie
             h[i] = 1.0 if i % 4 == 0 else 0.1
         smallest(B, h, work[0], work[1])
         norm = 0.0
-        for i in range(0, len(h), 3):  # undo the two similarities
-            h[i] *= a[2]
-            h[i + 1] *= a[2]
-            h[i + 2] -= h[i] * a[0] + h[i + 1] * a[1]
+        middle[v, 0], middle[v, 1] = a[0], a[1]
+        for i in range(len(h)):  # undo the two similarities, but for the shift to the middle
+            if i % 3 < 2:
+                h[i] *= a[2]
         for i in range(len(h)):
             if i < 6:
                 h[i] = h[i] / b[2] + b[i // 3] * h[6 + i % 3]

@@ -91,18 +91,19 @@ def seen_boards(bundle: Bundle, *, backend: str = "numba") -> SeenBoards:
         Names the views whose points lie on one line.
     """
     count = len(bundle.offsets) - 1
-    H, bad = np.zeros((count, 3, 3)), np.zeros(count, dtype=np.bool_)
+    H, middle, bad = np.zeros((count, 3, 3)), np.zeros((count, 2)), np.zeros(count, dtype=np.bool_)
     if backend == "numba":
         from stereocal.camera.homography_kernels import homographies_kernel
 
         widest = int(np.diff(bundle.offsets).max())
         scratch = np.ones((5, widest)), np.empty((18, 9)), np.empty(9), np.empty((2, 9)), np.empty((2, 3))
-        homographies_kernel(bundle.by_axes, bundle.offsets, H.reshape(count, 9), bad, *scratch)
+        homographies_kernel(bundle.by_axes, bundle.offsets, H.reshape(count, 9), middle, bad, *scratch)
     else:
         for i in range(count):
             rows = slice(bundle.offsets[i], bundle.offsets[i + 1])
+            middle[i] = bundle.points[rows, :2].mean(axis=0)
             try:
-                H[i] = fit_homography(bundle.points[rows, :2], bundle.measured[rows], refine=False)
+                H[i] = fit_homography(bundle.points[rows, :2] - middle[i], bundle.measured[rows], refine=False)
             except DegenerateGeometryError:
                 bad[i] = True
     if bad.any():
@@ -116,6 +117,4 @@ def seen_boards(bundle: Bundle, *, backend: str = "numba") -> SeenBoards:
             f"the points of view {', '.join(map(str, bundle.view_of_block[bad]))} lie on one line, in the board or in "
             "the image, which fixes no pose; leave these views out, or photograph the board less edge-on"
         )
-    middle = (np.add.reduceat(bundle.by_axes[:2], bundle.offsets[:-1], axis=1) / np.diff(bundle.offsets)).T
-    H[:, :, 2] += _times(H, middle)
     return SeenBoards(H, middle, bundle)

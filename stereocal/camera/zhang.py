@@ -112,11 +112,16 @@ def zhang_intrinsics(
             f"{len(H)} views are too few: Zhang's closed form needs {needed} "
             f"{'with skew' if skew else 'without skew'}; {_ADVICE}"
         )
-    # Pixels are scaled to order one, or the entries of b would span six orders of magnitude.
     centre = as_array(np.ravel(principal_point), (2,), "principal_point") if principal_point is not None else None
+    return camera_of_homographies(H, skew=skew, centre=centre)
+
+
+def camera_of_homographies(H: Float, *, skew: bool, centre: Float | None) -> Float:
+    """Do the work of :func:`zhang_intrinsics`, on homographies (V, 3, 3) that need no checking."""
+    # Pixels are scaled to order one, or the entries of b would span six orders of magnitude.
     N = _image_normalization(H, centre)
     b = _smallest_conic(N @ H, skew=skew, centred=centre is not None)
-    return np.asarray(_camera_of_conic(b, N))
+    return _camera_of_conic(b, N)
 
 
 def zhang_pose(K: ArrayLike, H: ArrayLike) -> tuple[Float, Float]:
