@@ -10,6 +10,7 @@
 ``equations``        the paper's equations: printed, corrected, implemented by
 ``atomic_files``     files written whole or not at all
 ``kernel_cache``     where compiled kernels are kept, on read-only machines too
+``compile_ahead``    kernels compiled by a second process while this one is busy
 ``lazy``             names that import their module when first used
 ===================  ==========================================================
 """

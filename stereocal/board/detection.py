@@ -43,6 +43,7 @@ from stereocal.board.measuring import (
 from stereocal.board.pyramid import closed_levels, levels, logarithmic_levels
 from stereocal.board.saddle import saddle_candidates, saddle_response
 from stereocal.board.selection import choose_board, ordered_corners
+from stereocal.board.subpixel import compile_fits_ahead
 
 
 @dataclass(frozen=True)
@@ -155,6 +156,7 @@ def detect_chessboard_detailed(image: ArrayLike, board: Chessboard | tuple[int, 
     if not isinstance(board, Chessboard):
         board = Chessboard(board)
     gray = _as_bytes_or_float(to_gray(image))
+    compile_fits_ahead(gray.dtype)
     best = Detection(False, message="no corner of a chessboard was seen; is the board in the picture, and sharp?")
     others: list[Detection] = []
     longest = max(board.inner_corners)

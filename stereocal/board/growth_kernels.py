@@ -6,8 +6,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+# A kernel that only other kernels call needs no entrance for Python, which would take as long to compile again.
+INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
-@njit(cache=True, nogil=True, error_model="numpy")
+
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _bilinear(G, x, y):
     height, width = G.shape
     x = min(max(x, 0.0), width - 1.001)
@@ -19,7 +22,7 @@ def _bilinear(G, x, y):
     ) * fy
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def predict_corner(grid, known, i, j, out):
     """Where corner (i, j) should be, from its neighbours; returns how many predictions were averaged.
 
@@ -69,7 +72,7 @@ def predict_corner(grid, known, i, j, out):
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def local_steps(grid, known, i, j, x, y, out):
     """Steps along i and j at (x, y), the place of corner (i, j): means over the known neighbours; False if none."""
     columns, rows = known.shape
@@ -101,7 +104,7 @@ def local_steps(grid, known, i, j, x, y, out):
     return complete
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def square_evidence(G, x, y, ix, iy, jx, jy, sign):
     """How well the four squares around (x, y) show their colours: (least light - most dark) / 2, grey levels.
 
@@ -120,7 +123,7 @@ def square_evidence(G, x, y, ix, iy, jx, jy, sign):
     return (darkest_light - lightest_dark) / 2
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def settle(G, x, y, reach, steps, out):
     """Newton's steps to the saddle point of G near (x, y); False if there is none within the reach."""
     height, width = G.shape

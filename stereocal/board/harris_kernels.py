@@ -12,8 +12,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+# A kernel that only other kernels call needs no entrance for Python, which would take as long to compile again.
+INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
-@njit(cache=True, nogil=True, error_model="numpy")
+
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _reflect(i, n):
     if i < 0:
         i = -i
@@ -22,7 +25,7 @@ def _reflect(i, n):
     return i
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _products(above, row, below, smooth, slope, xx, yy, xy):
     """Products of the 3x3 Sobel gradient of a row; `smooth` and `slope` are scratch rows with one cell of margin."""
     width = row.size
@@ -44,13 +47,13 @@ def _products(above, row, below, smooth, slope, xx, yy, xy):
         xy[x] = gx * gy
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _slide(inner, entering, leaving):
     for x in range(inner.size):
         inner[x] += entering[x] - leaving[x]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _reflect_margins(total, r):
     last = total.size - 1 - r
     for i in range(1, r + 1):
@@ -58,7 +61,7 @@ def _reflect_margins(total, r):
         total[last + i] = total[last - i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _row_sum(total, block, out):
     for x in range(out.size):
         out[x] = total[x]
@@ -68,7 +71,7 @@ def _row_sum(total, block, out):
             out[x] += shifted[x]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _formula(a, b, c, k, scale4, out):
     for x in range(out.size):
         fa, fb, fc = np.float32(a[x]), np.float32(b[x]), np.float32(c[x])
@@ -76,7 +79,7 @@ def _formula(a, b, c, k, scale4, out):
         out[x] = (fa * fb - fc * fc - k * (trace * trace)) * scale4
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _sum3_and_formula(a, b, c, k, scale4, out):
     """Sums of three neighbours along the row, and the formula, in one pass."""
     for x in range(out.size):
@@ -87,7 +90,7 @@ def _sum3_and_formula(a, b, c, k, scale4, out):
         out[x] = (fa * fb - fc * fc - k * (trace * trace)) * scale4
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _response_rows(image, block, k, scale, zero, out):
     height, width = image.shape
     r = block // 2

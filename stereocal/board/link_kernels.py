@@ -6,8 +6,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+# A kernel that only other kernels call needs no entrance for Python, which would take as long to compile again.
+INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
-@njit(cache=True, nogil=True, error_model="numpy")
+
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _bilinear(G, x, y):
     height, width = G.shape
     x = min(max(x, 0.0), width - 1.001)
@@ -19,7 +22,7 @@ def _bilinear(G, x, y):
     ) * fy
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def edge_holds(G, ax, ay, bx, by, least):
     """Whether left is lighter than right of the way from a to b by more than `least`, at samples of its inner part.
 
@@ -38,7 +41,7 @@ def edge_holds(G, ax, ay, bx, by, least):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _sort_into_bins(points, x0, y0, side, columns, rows, first, members):
     """Counting sort: members[first[b] : first[b + 1]] are the points of bin b, in the order of their numbers."""
     n = points.shape[0]

@@ -6,8 +6,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+# A kernel that only other kernels call needs no entrance for Python, which would take as long to compile again.
+INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
-@njit(cache=True, nogil=True, error_model="numpy")
+
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _bilinear(G, x, y):
     height, width = G.shape
     x = min(max(x, 0.0), width - 1.001)
@@ -19,7 +22,7 @@ def _bilinear(G, x, y):
     ) * fy
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _looks_alike(G, x, y, least_amplitude):
     """A cheap look before the ring test: eight pixels around, opposite ones more alike than not."""
     height, width = G.shape

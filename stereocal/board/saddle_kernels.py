@@ -6,6 +6,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+# A kernel that only other kernels call needs no entrance for Python, which would take as long to compile again.
+INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def smooth_binomial(image, out):
@@ -48,7 +51,7 @@ def saddle_measure(G, out):
             inner[x] = xy * xy - xx * yy
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _column_maxima(upper, middle, lower, out):
     for x in range(out.size):
         a = upper[x] if upper[x] > middle[x] else middle[x]

@@ -49,6 +49,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stereocal.base.checks import Float, as_points
+from stereocal.base.compile_ahead import compile_ahead, has_compiled, wait_for
 from stereocal.base.errors import InputError
 from stereocal.base.gray import to_gray
 from stereocal.board.chessboard import Chessboard, as_inner_corners
@@ -105,6 +106,23 @@ class SaddleFit:
     own_covariances: Float = field(default_factory=lambda: np.zeros((0, 2, 2)))
 
 
+def compile_fits_ahead(dtype: np.dtype[Any]) -> None:
+    """Let another process compile the fit for images of a dtype while this one searches: half of a first detection."""
+    from stereocal.board.subpixel_kernels import fit_saddles
+
+    if not has_compiled(fit_saddles):
+        compile_ahead(f"{__name__}:compile_fits({dtype.name!r})", fit_saddles)
+
+
+def compile_fits(dtype: str) -> None:
+    """Compile the fit for images of a dtype and for the logarithms and levels of images, by fits to a small board."""
+    dark = np.add.outer(np.arange(4), np.arange(4)) % 2
+    image = np.kron(230 - 200 * dark, np.ones((16, 16)))
+    grid = np.stack(np.meshgrid([15.5, 31.5, 47.5], [15.5, 31.5, 47.5]), axis=-1)
+    for kind in dict.fromkeys((dtype, "float32")):
+        fit_corner_grid(image.astype(kind), grid)
+
+
 def fit_corner_grid(
     gray: NDArray[Any], grid: Float, *, half_window: float | None = None, blur: float | None = None
 ) -> SaddleFit:
@@ -123,6 +141,7 @@ def fit_corner_grid(
     """
     from stereocal.board.subpixel_kernels import fit_saddles
 
+    wait_for(fit_saddles)
     shape, given = grid.shape[:2], np.ascontiguousarray(grid.reshape(-1, 2))
     n = len(given)
     theta, covariance, info = np.empty((n, 7)), np.empty((n, 2, 2)), np.empty((n, 4))

@@ -6,8 +6,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+# A kernel that only other kernels call needs no entrance for Python, which would take as long to compile again.
+INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
-@njit(cache=True, nogil=True, error_model="numpy")
+
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _difference(grid, j, i, k, along_i):
     """Central difference of component k at (j, i), one-sided at the ends."""
     rows, columns = grid.shape[0], grid.shape[1]

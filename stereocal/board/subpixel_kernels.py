@@ -8,8 +8,11 @@ from numba import njit
 
 _FAST = {"reassoc", "contract", "nsz", "arcp"}
 
+# A kernel that only other kernels call needs no entrance for Python, which would take as long to compile again.
+INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST, **INNER)
 def _gauss(z, m, out):
     """exp(-z^2): Taylor's polynomial of z^2/64, raised to the 64th power by six squarings (to 2e-9; z is cut at 6)."""
     for i in range(m):
@@ -24,7 +27,7 @@ def _gauss(z, m, out):
         out[i] = p * p
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST, **INNER)
 def _erf(z, gauss, m, out):
     """erf(z), given exp(-z^2): Abramowitz and Stegun 7.1.26, to 1.5e-7."""
     for i in range(m):
@@ -36,7 +39,7 @@ def _erf(z, gauss, m, out):
         out[i] = value if z[i] >= 0 else -value
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _gather(image, cx, cy, step, geometry, half, band, light, sparse, px, py, grey):
     """Pixels of the window that tell of the edges; returns how many.
 
@@ -73,7 +76,7 @@ def _gather(image, cx, cy, step, geometry, half, band, light, sparse, px, py, gr
     return count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _keep_explained(m, px, py, grey, residual, limit):
     """Move the pixels whose residual is at most `limit` to the front; returns how many."""
     count = 0
@@ -84,7 +87,7 @@ def _keep_explained(m, px, py, grey, residual, limit):
     return count
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST, **INNER)
 def _dot(a, b, m):
     total = 0.0
     for i in range(m):
@@ -92,7 +95,7 @@ def _dot(a, b, m):
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST, **INNER)
 def _model(m, px, py, grey, geometry, theta, scratch, J, residual):
     """Residuals grey - model, and the model's derivatives by the seven unknowns; returns the sum of squares.
 
@@ -138,7 +141,7 @@ def _model(m, px, py, grey, geometry, theta, scratch, J, residual):
     return _dot(residual, residual, m)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST, **INNER)
 def _four_dots(a, b0, b1, b2, b3, m):
     """Four dot products in one pass: four sums that do not wait for each other."""
     t0, t1, t2, t3 = 0.0, 0.0, 0.0, 0.0
@@ -151,7 +154,7 @@ def _four_dots(a, b0, b1, b2, b3, m):
     return t0, t1, t2, t3
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _normal_equations(m, J, residual, N, g):
     """N = J^T J and g = J^T residual."""
     for p in range(7):
@@ -164,7 +167,7 @@ def _normal_equations(m, J, residual, N, g):
             N[q, p] = N[p, q]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _cholesky(A, L):
     """A = L L^T; False if A is not positive definite."""
     n = A.shape[0]
@@ -182,7 +185,7 @@ def _cholesky(A, L):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _solve(L, g, x):
     n = g.size
     for i in range(n):
@@ -197,7 +200,7 @@ def _solve(L, g, x):
         x[i] = total / L[i, i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _start(m, px, py, grey, geometry, theta, scratch, J, residual):
     """Levels a, b by linear least squares at the given lines and blur."""
     theta[5], theta[6] = 0.0, 1.0
@@ -214,7 +217,7 @@ def _start(m, px, py, grey, geometry, theta, scratch, J, residual):
     theta[5] = (sg - theta[6] * sf) / m
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _propose(theta, N, g, damping, A, L, x, trial):
     """The damped step from theta to trial; returns how far the corner moves, -1 where N is not positive definite."""
     for p in range(7):
@@ -236,7 +239,7 @@ def _propose(theta, N, g, damping, A, L, x, trial):
     return np.sqrt((trial[0] - theta[0]) ** 2 + (trial[1] - theta[1]) ** 2)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _descend(m, px, py, grey, geometry, theta, damping, tolerance, iterations, work):
     """Levenberg-Marquardt from theta, in place, to a corner that moves less than `tolerance`.
 
@@ -278,7 +281,7 @@ def _descend(m, px, py, grey, geometry, theta, damping, tolerance, iterations, w
     return cost, converged
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _corner_covariance(theta, variance, work, covariance):
     """Of (cx, cy), from the columns of N's inverse for the two offsets; left alone where N is not positive definite."""
     N, L, g, x = work[5], work[7], work[8], work[9]
@@ -301,7 +304,7 @@ def _corner_covariance(theta, variance, work, covariance):
     covariance[1, 0] = covariance[0, 1]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _most_pixels(steps, half):
     """How many pixels the largest window can hold."""
     most = 4

@@ -26,6 +26,7 @@
 ``bundle``                          bundle adjustment: residuals, derivatives, block normal equations
 ``bundle_compiled``                 its arrays, laid out for kernels
 ``bundle_kernels``                  residuals and normal equations, compiled
+``tile_products``                   sixteen sums of products at once, for them
 ``bundle_solver``                   Levenberg–Marquardt on the blocks
 ``bundle_step_kernels``             its steps, compiled
 ``bundle_geodesic``                 steps that bend along a valley

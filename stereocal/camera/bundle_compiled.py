@@ -18,7 +18,9 @@ from __future__ import annotations
 import numpy as np
 
 from stereocal.base.checks import Float
+from stereocal.base.compile_ahead import compile_ahead, has_compiled, is_under_way, wait_for
 from stereocal.camera.bundle import Bundle, BundleState, NormalEquations
+from stereocal.camera.distortion import distortion_model
 from stereocal.camera.losses import LOSSES
 
 # The models that the kernels know, how many coefficients of theirs, and what they need beyond brown's five.
@@ -35,6 +37,33 @@ def has_kernel(bundle: Bundle) -> bool:
         and bundle.prior_weights is None
         and bool((np.count_nonzero(bundle.G, axis=1) <= 1).all())
     )
+
+
+def compile_engine_ahead(bundle: Bundle) -> None:
+    """Let another process compile the normal equations of a bundle like this while this one comes to them.
+
+    Of a first calibration that is the longest wait, as long as that for the homographies and the step together.
+    """
+    from stereocal.camera.bundle_kernels import normal_equations_kernel
+
+    if has_compiled(normal_equations_kernel):
+        return
+    names, plain = [model.name for model in bundle.models], bundle.whitening is None and bundle.loss == "linear"
+    compile_ahead(f"{__name__}:compile_normal_equations({names}, {plain})", normal_equations_kernel)
+
+
+def compile_normal_equations(names: list[str], plain: bool) -> None:
+    """Compile the normal equations for cameras of these models, by evaluating a board of one corner."""
+    models = [distortion_model(name) for name in names]
+    cameras, parameters = len(models), sum(5 + model.parameter_count for model in models) + 6 * (len(models) - 1)
+    numbers = np.arange(cameras)
+    bundle = Bundle(
+        models, np.zeros((cameras, 3)), np.zeros((cameras, 2)), np.arange(cameras + 1), numbers, np.zeros_like(numbers),
+        np.eye(parameters), 1, loss="linear" if plain else "huber",
+    )  # fmt: skip
+    theta = [np.concatenate([[1.0, 1.0, 0.0, 0.0, 0.0], model.start()]) for model in models]
+    eyes, zeros = np.tile(np.eye(3), (cameras, 1, 1)), np.zeros((cameras, 3))
+    CompiledEngine(bundle, BundleState(theta, eyes, zeros, np.eye(3)[None], np.array([[0.0, 0.0, 1.0]])))
 
 
 class CompiledEngine:
@@ -88,8 +117,17 @@ class CompiledEngine:
             np.zeros(bundle_kernels.LENGTH), np.empty((widest, widest)), np.empty((widest + 6, widest + 6)),
             np.empty((widest, 12)), np.eye(6, 12, 6), np.empty((3, 4)),
         )  # fmt: skip
+        if is_under_way(self._fill):
+            self._compile_step()
+            wait_for(self._fill)
         self.cost, self._gradient_norm = self._evaluate(self._here, self._sums_here, self._residuals_here)
         self._values_there = (np.inf, np.inf)
+
+    def _compile_step(self) -> None:
+        """Call the step's kernel while the sums are still 0: another process compiles what fills them."""
+        self._eliminate()
+        for D2 in self._work[:2]:
+            D2.fill(0.0)
 
     def _evaluate(self, at: tuple[Float, ...], sums: tuple[Float, ...], residuals: Float) -> tuple[float, float]:
         values: tuple[float, float] = self._fill(*self._problem, *at, *sums, residuals, *self._scratch)

@@ -14,8 +14,9 @@ The second is right for good views of an ideal lens. But what a real lens bends,
 principal point elsewhere, often by a tenth of the image; few cameras are as far off the middle as that, and from there
 the iteration needs fewer steps (6 instead of 11 on views of a webcam's lens). Noise, small tilts and strong distortion
 can throw off both (B is not positive definite, or the principal point lands outside of the image) and the others stand
-in: a fixed focal length cannot fail. The third needs no iteration, but an ideal lens is no good judge of what a strong one has drawn, nor does
-it tell a tilt from its mirror image; the fourth is and does, at the price of a fit for each focal length.
+in: a fixed focal length cannot fail. The third needs no iteration, but an ideal lens is no good judge of what a strong
+one has drawn, nor does it tell a tilt from its mirror image; the fourth is and does, at the price of a fit for each
+focal length.
 """
 
 from __future__ import annotations

@@ -31,8 +31,11 @@ MOST_INTERVALS = 1000
 DIRECTIONS = 64
 SURVEYS = 12
 
+# A kernel that only other kernels call needs no entrance for Python, which would take as long to compile again.
+INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
-@njit(cache=True, nogil=True, error_model="numpy")
+
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def radial(r, a, b):
     """Return g(r) and g′(r) = f + 2 s f′."""
     s = r * r
@@ -82,7 +85,7 @@ def invert_radial_kernel(y, a, b, limit, of_angle, x):
         x[i, 1] = y[i, 1] * ratio
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def brown(u, v, k):
     """Return x_d and the four entries of ∂x_d/∂x, by rows."""
     s = u * u + v * v
@@ -101,7 +104,7 @@ def brown(u, v, k):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def rational_function(u, v, W):
     """Return x_u and the four entries of ∂x_u/∂x_d, by rows: dx_u = (dh₁₂ − x_u dh₃) / h₃, h = W χ."""
     uu, uv, vv = u * u, u * v, v * v
@@ -119,7 +122,7 @@ def rational_function(u, v, W):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def lens(u, v, k):
     """Return the map and its derivatives at (u, v), of the model that has as many coefficients."""
     if len(k) == 18:
@@ -130,7 +133,7 @@ def lens(u, v, k):
     return x_d, y_d, a, b, c, d
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def newton(y0, y1, u, v, k, most):
     """Some steps of damped Newton from (u, v), at `most`; return where it ended and whether f = y, with det > 0."""
     f0, f1, a, b, c, d = lens(u, v, k)
@@ -164,14 +167,14 @@ def newton(y0, y1, u, v, k, most):
     return u, v, error <= TOLERANCE * size and a * d - b * c > 0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def determinant(u, v, k):
     """Return det ∂f/∂x at (u, v)."""
     _, _, a, b, c, d = lens(u, v, k)
     return a * d - b * c
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def open_way(u, v, k):
     """Return how far one can go from the centre to (u, v) with det ∂f/∂x > 0, as a part of the way; 1 is all of it."""
     i, level, D_0 = 0, FIRST_LEVEL, determinant(0.0, 0.0, k)
@@ -194,7 +197,7 @@ def open_way(u, v, k):
     return i * 0.5**level
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def safe_radius(reach, k):
     """Radius of a disc about the centre, at most `reach`, without a fold: a survey that settles most points."""
     angles = np.arange(DIRECTIONS) * (2 * np.pi / DIRECTIONS)
@@ -211,7 +214,7 @@ def safe_radius(reach, k):
     return 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def follow(y0, y1, k):
     """Continuation f(x) = s·y from the centre; return where it came to and whether it arrived, s = 1."""
     u, v, s, step = 0.0, 0.0, 0.0, LONGEST_STEP

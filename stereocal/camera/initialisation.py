@@ -35,6 +35,7 @@ import numpy as np
 
 from stereocal.base.errors import ConvergenceError, StereocalError
 from stereocal.camera.bundle import Bundle, BundleState, normal_equations
+from stereocal.camera.bundle_compiled import compile_engine_ahead, has_kernel
 from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
 from stereocal.camera.camera_starts import Start, closed_form_starts, focal_search, lens_search, plausible
 from stereocal.camera.covariance import half_of_inverse
@@ -104,6 +105,8 @@ def solve_from_starts(
     ConvergenceError
         If no start leads anywhere.
     """
+    if backend == "numba" and has_kernel(bundle):
+        compile_engine_ahead(bundle)
     boards = seen_boards(bundle, backend=backend)
     tried: list[BundleSolution] = []
     best: BundleSolution | None = None

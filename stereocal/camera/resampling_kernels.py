@@ -85,7 +85,11 @@ def _prefetch(typingctx, source, at):
     return types.void(source, types.intp), codegen
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+# A kernel that only other kernels call needs no entrance for Python, which would take as long to compile again.
+INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
+
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _prefetch_row(samples, line_x, line_y, width, height, channels, reach):
     """Ask for what a row of the output will read: a pixel's own line of 64 bytes and the one `reach` rows below."""
     zero, last_x, last_y = np.float32(0), np.float32(width - 1), np.float32(height - 1)
@@ -99,7 +103,7 @@ def _prefetch_row(samples, line_x, line_y, width, height, channels, reach):
             _prefetch(samples, at + reach * width * channels)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _locate_row(map_x, map_y, width, height, channels, a, b, offset):
     """Pass 1: fractions and offsets of one row."""
     zero, last_x, last_y = np.float32(0), np.float32(width - 1), np.float32(height - 1)
@@ -114,7 +118,7 @@ def _locate_row(map_x, map_y, width, height, channels, a, b, offset):
         offset[j] = place if within else np.int32(-1)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _tap(image, i, j, c, border_value):
     """One sample, or the border's value outside of the image."""
     if 0 <= i < image.shape[0] and 0 <= j < image.shape[1]:
@@ -122,7 +126,7 @@ def _tap(image, i, j, c, border_value):
     return border_value
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _blend_at_border(image, x, y, c, border_value):
     """Pass 4: a pixel whose four neighbours are not all within the image."""
     x0, y0 = np.floor(x), np.floor(y)
@@ -204,7 +208,7 @@ def remap_nearest(image, map_x, map_y, border_value, channels, out):
                     row[size * j + c] = border_value[c]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _keys_row(fraction, sharpness, weights):
     """Keys' four weights of a row of fractions, one array a tap."""
     one, two, three = np.float32(1), np.float32(2), np.float32(3)
@@ -220,7 +224,7 @@ def _keys_row(fraction, sharpness, weights):
         w3[j] = one - w0[j] - w1[j] - w2[j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _cubic_at_border(image, x, y, wx, wy, border_value):
     """A pixel whose sixteen neighbours are not all within the image."""
     if not (x >= -3 and y >= -3 and x <= image.shape[1] + 1 and y <= image.shape[0] + 1):

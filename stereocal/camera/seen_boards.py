@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stereocal.base.checks import Float
+from stereocal.base.compile_ahead import wait_for
 from stereocal.base.errors import DegenerateGeometryError, InputError
 from stereocal.camera.bundle import Bundle
 from stereocal.camera.homography import fit_homography
@@ -95,6 +96,7 @@ def seen_boards(bundle: Bundle, *, backend: str = "numba") -> SeenBoards:
     if backend == "numba":
         from stereocal.camera.homography_kernels import homographies_kernel
 
+        wait_for(homographies_kernel)
         widest = int(np.diff(bundle.offsets).max())
         scratch = np.ones((5, widest)), np.empty((18, 9)), np.empty(9), np.empty((2, 9)), np.empty((2, 3))
         homographies_kernel(bundle.by_axes, bundle.offsets, H.reshape(count, 9), middle, bad, *scratch)

@@ -6,13 +6,13 @@ four, eight points at a time, are 16 products of 8 numbers fetched, and the 16 s
 
     S_ab = Σ_j x_a[j] y_b[j],        a, b = 0 … 3,        x_a = J[x_a :], y_b = J[y_b :].
 
-Written as a loop, the compiler would have to find this out, and where it does it takes half of the machine's vector (256
-bits, on processors that have 512). :func:`add_tile` says it in the terms of LLVM, the compiler behind Numba, and names
-no machine: a value is a vector of eight doubles, which is one register of AVX-512, two of AVX2, four of NEON.
+Written as a loop, the compiler would have to find this out, and where it does it takes half of the machine's vector
+(256 bits, on processors that have 512). :func:`add_tile` says it in the terms of LLVM, the compiler behind Numba, and
+names no machine: a value is a vector of eight doubles, which is one register of AVX-512, two of AVX2, four of NEON.
 
-Rows are sums of two parts (∂u and then ∂v of the same points): `j` runs over `count` numbers from the row's beginning and
-as many from `second` on. `count` is a multiple of 8. Nothing checks bounds. Kernels that use this are cached by Numba
-under the date of their own file: after a change HERE that file must be touched.
+A row has two parts (∂u and then ∂v of the same points): j runs over `count` numbers from its beginning and as many from
+`second` on. `count` is a multiple of 8. Nothing checks bounds. Kernels that use this are cached by Numba under the date
+of their own file: after a change HERE that file must be touched.
 """
 
 # mypy: ignore-errors
@@ -44,9 +44,7 @@ def add_tile(typingctx, J, rows, i, k, count, second, A):
 
         x, y = [begin(i, a) for a in range(_TILE)], [begin(k, b) for b in range(_TILE)]
         sums = [[cgutils.alloca_once_value(builder, ir.Constant(_VECTOR, [0.0] * LANES)) for _ in y] for _ in x]
-        fma = builder.module.declare_intrinsic(
-            f"llvm.fma.v{LANES}f64", fnty=ir.FunctionType(_VECTOR, [_VECTOR] * 3)
-        )
+        fma = builder.module.declare_intrinsic(f"llvm.fma.v{LANES}f64", fnty=ir.FunctionType(_VECTOR, [_VECTOR] * 3))
         with cgutils.for_range_slice(builder, _INDEX(0), count, _INDEX(LANES), inc=True) as (j, _):
             for part in (j, builder.add(j, second)):
 

@@ -35,8 +35,11 @@ from numba import njit
 
 from stereocal.camera.vector_doubles import fill, lanes, multiply_add, store
 
+# A kernel that only other kernels call needs no entrance for Python, which would take as long to compile again.
+INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
-@njit(cache=True, nogil=True, error_model="numpy")
+
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def _inverse(P, R):
     """(P R)⁻¹ by cofactors, row by row, and the determinant: in OpenCV's order of operations, bit for bit."""
     M = np.empty((3, 3))

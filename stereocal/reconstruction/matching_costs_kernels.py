@@ -23,6 +23,9 @@ from stereocal.reconstruction.vector_lanes import (
 )
 from stereocal.reconstruction.vector_primitives import fill, fill_from, load, maximum, store, where_at_most, widen
 
+# A kernel that only other kernels call needs no entrance for Python, which would take as long to compile again.
+INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
 
 @njit(cache=True, nogil=True)
 def census_planes(padded, threshold, radius_y, radius_x, offsets, lanes, count, planes):
@@ -152,7 +155,7 @@ def cost_rows(
                 )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, **INNER)
 def add_row(
     left_codes, right_codes, left_levels, right_levels, cap, start, inside, outside,
     y, reach, lanes, row, columns,
@@ -195,7 +198,7 @@ def add_row(
         store(column, columns, i)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, **INNER)
 def sum_along_row(columns, radius, shift, factor, beyond, reach, part, lanes, nought, to, out):
     """Write the sums over the block, scaled, of one row: columns beyond the image are copies of its outermost."""
     D = len(beyond)

@@ -39,8 +39,11 @@ from stereocal.reconstruction.vector_primitives import (
     widen,
 )
 
+# A kernel that only other kernels call needs no entrance for Python, which would take as long to compile again.
+INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
-@njit(cache=True, nogil=True)
+
+@njit(cache=True, nogil=True, **INNER)
 def extend_path(cost, before, P1, P2, most):
     """L of a pixel, from its cost and the N of the pixel before it on the path."""
     stepped = add_saturated(minimum(from_below(before, most), from_above(before, most)), P1)
@@ -195,7 +198,7 @@ def select_rows(
         )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, **INNER)
 def select_row(
     sums, row, count, min_disparity, uniqueness_ratio, subpixel, tolerance, start, inside, beyond,
     right_least, found, lanes, out,
@@ -249,7 +252,7 @@ def select_row(
         check_row(found, sums, row, count, min_disparity, tolerance, start, inside, right_least, D, out)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def note_winner(S, sums, at, x, there, count, uniqueness_ratio, inside, found):
     """Write what is known of the pixel x: the winner i (-1 if there is none), and S at i, at i − 1 and at i + 1.
 
@@ -272,7 +275,7 @@ def note_winner(S, sums, at, x, there, count, uniqueness_ratio, inside, found):
     found[3, x] = above if interior else least
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def refine_row(found, min_disparity, subpixel, out):
     """Write the disparities of a row, with the fraction at which the V has its vertex; NaN where none has won."""
     for x in range(len(out)):
@@ -283,7 +286,7 @@ def refine_row(found, min_disparity, subpixel, out):
         out[x] = np.float32(d) if found[0, x] >= 0 else np.float32(np.nan)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, **INNER)
 def check_row(found, sums, row, count, min_disparity, tolerance, start, inside, right_least, D, out):
     """Take the disparities back with which the right image does not agree."""
     for x in range(len(out)):
@@ -298,7 +301,7 @@ def check_row(found, sums, row, count, min_disparity, tolerance, start, inside, 
                 out[x] = np.nan
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, **INNER)
 def right_agrees(i, x, width, sums, row, count, tolerance, start, inside, right_least, D):
     """Whether the right pixel of the candidate i of x has a best candidate that is within the tolerance of i."""
     here = start - x + i

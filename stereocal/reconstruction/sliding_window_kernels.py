@@ -87,6 +87,9 @@ from stereocal.reconstruction.vector_primitives import (
 FAR = np.int32(2147483647)
 """More than any sum: what stands beside the first and the last disparity."""
 
+# A kernel that only other kernels call needs no entrance for Python, which would take as long to compile again.
+INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def refined_opencv(k, below, least, above, d_max, count):
@@ -106,7 +109,7 @@ def refined_opencv(k, below, least, above, d_max, count):
     return value if k >= 0 else np.float32(np.nan)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def refined(k, below, least, above, d_max, count, subpixel):
     """The disparity of winner k from S(d − 1), S(d), S(d + 1) in float64; `subpixel` as in :func:`match_rows`."""
     if subpixel == 1:
@@ -118,7 +121,7 @@ def refined(k, below, least, above, d_max, count, subpixel):
     return np.float32(value if k >= 0 else np.nan)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, **INNER)
 def check_left_right(winners, right_winner, d_max, tolerance, y, first_x, out):
     """Withdraw the disparities that the right image contradicts: |d − d_R(x − d)| > tolerance."""
     for x in range(len(winners)):
@@ -208,7 +211,7 @@ def match_rows(
             check_left_right(winners, right_winner, d_max, left_right, y, first_x, out)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, **INNER)
 def meet_right(sums, begin, size, lanes, beyond, first_x, d_max, right_sum, right_winner):
     """Let each pixel of the right image keep the smallest S it has met, and where; a tie goes to the later x."""
     for i in range(begin, begin + size):
@@ -221,7 +224,7 @@ def meet_right(sums, begin, size, lanes, beyond, first_x, d_max, right_sum, righ
         store(where_at_most(ranked, met, ranked, met), right_sum, x - d_max)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def find_winners(sums, begin, size, lanes, beyond, uniqueness_ratio, least, limit, first, found, around):
     """From the sums of a tile, pixels begin, begin + 1, … of a row, and their minima m: ℓ, t, c and the sums around t.
 
@@ -254,7 +257,7 @@ def find_winners(sums, begin, size, lanes, beyond, uniqueness_ratio, least, limi
         copy_four(sums, window + t - 1, around, 4 * i)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **INNER)
 def refine_tile(limits, firsts, founds, around, unique, d_max, count, subpixel, opencv, winners, disparity):
     """Turn what was found about a tile's pixels into winners, t or t + 1 or −1 for none, and into disparities.
 
@@ -295,7 +298,7 @@ def refine_tile(limits, firsts, founds, around, unique, d_max, count, subpixel, 
             disparity[i] = refined_opencv(k, np.float64(below), np.float64(least), np.float64(above), d_max, count)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, **INNER)
 def distances(left, at, right, start, small, lanes):
     """|L − R| of the pixel left[at] and its candidates, which begin at right[start]."""
     candidates = load(right, start, lanes)
@@ -304,7 +307,7 @@ def distances(left, at, right, start, small, lanes):
     return absolute_difference_of_halves(candidates, fill_from(left, at, candidates))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, **INNER)
 def first_sums(left, right, left_column, right_start, radius, first, lanes, small, highest, columns, sums):
     """Write S one row above the first: rows first − r − 1 … first + r − 1, and above the image row 0.
 

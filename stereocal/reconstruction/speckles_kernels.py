@@ -25,6 +25,9 @@ from numba import njit
 
 from stereocal.reconstruction.vector_primitives import bits_equal, count_bits, load, lowest_bit
 
+# A kernel that only other kernels call needs no entrance for Python, which would take as long to compile again.
+INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
 
 @njit(cache=True, nogil=True)
 def component_sizes(disparity, valid, max_difference, parent, sizes):
@@ -60,7 +63,7 @@ def component_sizes(disparity, valid, max_difference, parent, sizes):
         sizes[p] = sizes[parent[p]] if valid[p // width, p % width] else 0
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, **INNER)
 def joined(here, there, none, limit, out):
     """Write 1 into the bytes of `out` where two pixels have a disparity and differ by at most `limit`, else 0.
 
@@ -76,7 +79,7 @@ def joined(here, there, none, limit, out):
             out[x] = np.uint8((difference <= limit) & (a != none) & (b != none))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, **INNER)
 def present(row, none, out):
     """Write 1 into the bytes of `out` where there is a disparity, else 0."""
     for x in range(len(row)):
@@ -86,14 +89,14 @@ def present(row, none, out):
             out[x] = np.uint8(row[x] != none)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, **INNER)
 def pack_bits(flags, words):
     """Pack (64 · len(words),) bytes of 0 and 1 into words of 64 bits, the first lowest."""
     for w in range(len(words)):
         words[w] = bits_equal(load(flags, 64 * w, (0, 0, 0, 0)), 1)  # 4 · 16 lanes
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, **INNER)
 def find_root(parent, run):
     """Return the root of a run's tree, halving the path on the way."""
     while parent[run] != run:
@@ -102,7 +105,7 @@ def find_root(parent, run):
     return run
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, **INNER)
 def run_at(starts, before, x):
     """Return the number of the run that pixel x lies in: the runs before its word, and the starts up to x in it."""
     w = x >> 6

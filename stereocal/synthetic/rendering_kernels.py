@@ -8,6 +8,9 @@ import math
 import numpy as np
 from numba import njit
 
+# A kernel that only other kernels call needs no entrance for Python, which would take as long to compile again.
+INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
 
 @njit(cache=True, nogil=True)
 def gather_kernel(radiance, weights, s, out):
@@ -30,7 +33,7 @@ def gather_kernel(radiance, weights, s, out):
                 out[i, j] += weight * along_rows[i * s + t, j]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, **INNER)
 def _ray_row(nodes, weights, i, across, rays):
     """Rays of raster row i; twin in ``rays.RayTable.rays``."""
     s = weights.shape[0]
@@ -50,21 +53,21 @@ def _ray_row(nodes, weights, i, across, rays):
                 rays[j * s + k, c] = total
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, **INNER)
 def _square_wave_integral(x):
     """∫₀ˣ of the wave that is +1 on [0, 1), −1 on [1, 2), …: a triangle wave."""
     y = x - 2 * math.floor(x / 2)
     return y if y < 1 else 2 - y
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, **INNER)
 def _inside(x, w, low, high):
     """Part of [x − w/2, x + w/2] that lies within [low, high]."""
     part = (min(x + w / 2, high) - max(x - w / 2, low)) / w
     return max(part, 0.0)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, **INNER)
 def _mean_wave(x, w, low, high):
     """∫ of the square wave over [x − w/2, x + w/2] ∩ [low, high], divided by w."""
     upper = _square_wave_integral(min(max(x + w / 2, low), high))
@@ -72,7 +75,7 @@ def _mean_wave(x, w, low, high):
     return (upper - lower) / w
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, **INNER)
 def _board_row(rays, rotation, origin, bow, centre, length, out):
     """Where the rays of a row meet the board, in squares; twin in ``board_view.meet_board``."""
     for j in range(rays.shape[0]):
@@ -142,7 +145,7 @@ def board_kernel(nodes, weights, rotation, origin, shape, levels, radiance):
             radiance[i, j] = (1 - paper) * radiance[i, j] + paper * shade
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, **INNER)
 def _first_surface(surfaces, ox, oy, oz, dx, dy, dz):
     """τ and index of the first surface that a ray meets; twin in ``surfaces.trace``."""
     nearest, index = math.inf, -1
@@ -183,7 +186,7 @@ def trace_kernel(surfaces, origin, directions, tau, index):
         index[k] = i
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, **INNER)
 def _hash(i, j, seed):
     """A number in [−1, 1) for a lattice point; twin in ``surfaces._hash``."""
     mask = 0xFFFFFFFF
@@ -194,7 +197,7 @@ def _hash(i, j, seed):
     return h / 2147483648.0 - 1.0
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, **INNER)
 def _value_noise(p, q, seed):
     """Twin in ``surfaces._value_noise``."""
     i, j = math.floor(p), math.floor(q)
@@ -207,7 +210,7 @@ def _value_noise(p, q, seed):
     return (1 - b) * upper + b * lower
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, **INNER)
 def _texture(p, q, seed, pattern):
     """Twin in ``surfaces.texture``."""
     stretch = 0.35 if pattern == 1 else 1.0

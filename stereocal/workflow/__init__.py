@@ -12,6 +12,7 @@ at all, and returns a frozen dataclass with ``.as_dict()``, which is what ``--js
 ``targets``           ``board``: a target to print
 ``view_selection``    which pairs belong to one rig: those that agree with one another
 ``rig_fitting``       one rig fitted to the pairs that agree; each record learns what became of it
+``first_run``         what is compiled while photographs are searched
 ``calibrations``      ``calibrate``: photographs to a calibrated rig and its report
 ``calibration_files`` the files that ``calibrate`` writes
 ``rectified_pairs``   ``rectify``: rectified images and the picture that proves them

@@ -27,6 +27,7 @@ from stereocal.report.quality import QualityReport
 from stereocal.store.images import read_image
 from stereocal.workflow.boards import FoundBoard, map_in_order, search_board
 from stereocal.workflow.calibration_files import calibration_document, write_calibration_files
+from stereocal.workflow.first_run import compile_calibration_ahead
 from stereocal.workflow.outputs import staged_folder
 from stereocal.workflow.photographs import Pair, Photograph, pair_photographs
 from stereocal.workflow.progress import Progress, Silent
@@ -161,6 +162,7 @@ def calibrate_rig(
             pairs = [Pair(pair.right, pair.left) for pair in pairs]
         problems = [DataFileError(photograph.path, NO_PARTNER) for photograph in alone]
         _stop_or_go_on(problems, skip_bad)
+        compile_calibration_ahead(model)
         records, unusable = _find_in_pairs(pairs, board, workers, watch)
         _stop_or_go_on(unusable, skip_bad)
         problems += unusable

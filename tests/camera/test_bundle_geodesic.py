@@ -68,7 +68,9 @@ def test_along_a_valley_fewer_steps_lead_lower_or_as_low() -> None:
     steps = []
     for seed in range(1, 11):
         bundle, state = problem("thin_prism", 8, seed=seed)
-        straight, bent = (solve_bundle(bundle, state, in_valley=valley, max_iterations=2000) for valley in (False, True))
+        straight, bent = (
+            solve_bundle(bundle, state, in_valley=valley, max_iterations=2000) for valley in (False, True)
+        )
         assert bent.converged
         assert bent.cost <= straight.cost * (1 + 1e-7)
         steps.append((straight.iterations, bent.iterations))
