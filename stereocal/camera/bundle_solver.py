@@ -29,6 +29,7 @@ import numpy as np
 from stereocal.base.checks import Float, require_choice
 from stereocal.camera.bundle import Bundle, BundleState, NormalEquations, normal_equations
 from stereocal.camera.bundle_compiled import CompiledEngine, has_kernel
+from stereocal.camera.bundle_shaped import ShapedEngine, has_sparse_shape
 
 _GRADIENT_TOLERANCE = 1e-10
 _COST_TOLERANCE = 1e-14
@@ -140,6 +141,8 @@ def solve_bundle(
         from stereocal.camera.bundle_geodesic import GeodesicEngine
 
         engine = GeodesicEngine(bundle, state, _compiled_equations if compiled else normal_equations)
+    elif backend == "numba" and has_sparse_shape(bundle):
+        engine = ShapedEngine(bundle, state)
     else:
         engine = CompiledEngine(bundle, state) if compiled else NumpyEngine(bundle, state)
     mu, nu = initial_damping, 2.0
