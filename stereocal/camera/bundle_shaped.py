@@ -54,7 +54,7 @@ class ShapedEngine:
         self._kernels, self._bundle, self._state = bundle_shaped_kernels, bundle, state
         basis = np.asarray(bundle.shape_basis)
         released = is_released(basis)
-        self._free = basis.any(axis=2) if released else np.zeros((len(basis), 3), dtype=np.bool_)
+        self._free = np.asarray(basis.any(axis=2) & released)
         self._dense = np.zeros((len(basis), 3, 0)) if released else np.ascontiguousarray(basis)
         self._points = len(basis) if released else 0
         self._F = bundle.G.shape[1] - (basis.shape[2] if released else 0)
@@ -68,7 +68,7 @@ class ShapedEngine:
         self._scale()
 
     def _layout(self, c: int) -> tuple[Any, ...]:
-        """Of a camera: its blocks (view, first row, end); free parameters' places, factors; columns' places in z."""
+        """Of a camera: rows, blocks (view, first row, end), places and factors of free parameters, columns' places in z."""
         bundle, F = self._bundle, self._F
         rows, blocks = bundle.rows_of_camera(c)
         where = np.stack([bundle.view_of_block[blocks], bundle.offsets[blocks], bundle.offsets[blocks + 1]], axis=1)
@@ -80,14 +80,19 @@ class ShapedEngine:
         ends = np.where(of_rig.any(axis=1), of_rig.argmax(axis=1), held) if F else held
         dense = np.arange(F - self._dense.shape[2], F)
         where = np.ascontiguousarray(where, dtype=np.int64)
-        return rows, where, places, own[places, to], np.concatenate([ends, to, dense, [F]]).astype(np.int64), rig
+        columns = np.concatenate([ends, to, dense, [F]]).astype(np.int64)
+        n, widest = 6 + len(columns), 2 * int(np.diff(where[:, 1:], axis=1).max(initial=0))
+        scratch = (
+            np.empty((n, widest)), np.empty((n, n)), np.empty(3), np.empty(3), np.empty((2, 3)), np.empty(len(own)),
+        )  # fmt: skip
+        return rows, where, places, own[places, to], columns, rig, scratch
 
     def _work_arrays(self) -> tuple[Float, ...]:
         views, count, F = self._bundle.view_count, self._points, self._F
-        (E, e), (O, o) = ((count, 3), (views, 6)) if self._points_first else ((views, 6), (count, 3))
-        R = F + o * O
+        (E, e), (H, h) = ((count, 3), (views, 6)) if self._points_first else ((views, 6), (count, 3))
+        R = F + h * H
         return (
-            np.empty((R + 1, R + 1)), np.empty((E, e, e)), np.empty((E + 1, e, R + 1)), np.empty(F), np.empty((O, o)),
+            np.empty((R + 1, R + 1)), np.empty((E, e, e)), np.empty((E + 1, e, R + 1)), np.empty(F), np.empty((H, h)),
             np.empty((E, e)),
         )  # fmt: skip
 
@@ -102,7 +107,7 @@ class ShapedEngine:
             sums[3][:, range(3), range(3)] = ~self._free
         X = bundle.points + self._offsets(state)[self._index]
         residuals, cost = np.empty_like(bundle.measured), 0.0
-        for c, (rows, blocks, places, factor, to, rig) in enumerate(self._cameras):
+        for c, (rows, blocks, places, factor, to, rig, scratch) in enumerate(self._cameras):
             m = rows.stop - rows.start
             if m == 0:
                 continue
@@ -121,11 +126,9 @@ class ShapedEngine:
                 return sums, residuals, np.inf
             rho, weights = self._weights(r, rows)
             cost += rho
-            n = 6 + len(to)
             self._kernels.equations_kernel(
                 blocks, self._index, self._free, self._dense, weights, r, x_d, D, D_k, Y, X_c, x, theta, R_rig, t_rig,
-                R_views, places, factor, to, rig, *sums, np.empty((n, n)), np.empty((5, max(n, 3))),
-                np.empty((2, 3)), np.empty((2, len(theta))),
+                R_views, places, factor, to, rig, *sums, *scratch,
             )  # fmt: skip
         if bundle.prior_weights is not None:
             more, U, b = prior_equations(bundle, state)
@@ -157,7 +160,8 @@ class ShapedEngine:
 
     def _diagonals(self) -> tuple[Float, Float, Float]:
         U, V, _, Q, _, _ = self._sums
-        return np.diag(U)[: self._F], *(np.diagonal(A, axis1=1, axis2=2).ravel() for A in (V, Q))
+        of_views, of_points = (np.diagonal(A, axis1=1, axis2=2).ravel() for A in (V, Q))
+        return np.diag(U)[: self._F], of_views, of_points
 
     def _scale(self) -> None:
         """D², the largest diagonals met, is renewed."""
@@ -185,10 +189,10 @@ class ShapedEngine:
         else:
             arrays = (U, Q, P, V, W, np.ascontiguousarray(C.transpose(1, 0, 3, 2)), mu, D2, D2_p, D2_v)
         promised, longest = self._kernels.shaped_step_kernel(*arrays, *self._work)
-        dz, do, de = self._work[3:]
+        dz, dh, de = self._work[3:]
         if longest == -1.0 or not np.isfinite(longest):
             return None
-        return promised, longest, dz, *((do, de) if self._points_first else (de, do))
+        return promised, longest, dz, *((dh, de) if self._points_first else (de, dh))
 
     def accept(self) -> None:
         """Move on; the scaling D keeps the largest diagonals met."""

@@ -36,93 +36,87 @@ def place_kernel(blocks, points, R_rig, t_rig, R_views, t_views, Y, X_c, x):
     return behind
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FUSED, **INNER)
-def fill_row(g, q, Y, X_r, R, theta_row, places, factor, basis, rig, row, shift):
-    """Fill one of a point's two rows of J: `shift` = q R_v, and `row` = (pose, rig, θ, dense β)."""
-    for i in range(3):
-        k, n = (i + 1) % 3, (i + 2) % 3
-        shift[i] = q[0] * R[0, i] + q[1] * R[1, i] + q[2] * R[2, i]
-        row[i], row[3 + i] = Y[k] * q[n] - Y[n] * q[k], q[i]
-        if rig:
-            row[6 + i], row[9 + i] = X_r[k] * g[n] - X_r[n] * g[k], g[i]
-    at = 12 if rig else 6
-    for i in range(len(places)):
-        row[at + i] = factor[i] * theta_row[places[i]]
-    at += len(places)
-    for m in range(basis.shape[1]):
-        row[at + m] = shift[0] * basis[0, m] + shift[1] * basis[1, m] + shift[2] * basis[2, m]
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=SUMS, **INNER)
+def products(J, n, length, A):
+    """Fill the lower triangle of A = J Jᵀ, of the first n rows and `length` columns of J."""
+    for i in range(n):
+        x = J[i]
+        for k in range(i + 1):
+            y, total = J[k], 0.0
+            for j in range(length):
+                total += x[j] * y[j]
+            A[i, k] = total
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FUSED)
 def equations_kernel(
     blocks, index, free, basis, weights, r, x_d, D, D_k, Y, X_c, x, theta, R_rig, t_rig, R_views, places, factor, to,
-    rig, U, V, W, Q, P, C, A, rows, shifts, theta_rows,
+    rig, U, V, W, Q, P, C, J, A, g, q, shift, of_theta,
 ):  # fmt: skip
     """Add one camera's part to U, V, W, Q, P and C.
 
     Q (P, 3, 3) are the points' own blocks, P (P, 3, F + 1) their products with the shared unknowns and the residual,
     C (P, V, 3, 6) with the poses; all three stay as they are if no point is `free`. `to` says which of the F + 1
-    unknowns of U each column of a row after the pose is; −1 is none.
+    unknowns of U each column after the pose is; −1 is none. J holds a block's columns as rows, ∂u and ∂v by turns;
+    `shift` ∂u and ∂v by the point. Slices would be counted references, and take longer than what is done with them.
     """
-    start, released = blocks[0, 1], len(Q) > 0
-    n = 6 + len(to)
-    g, q = rows[2], rows[3]
+    start, released, n = blocks[0, 1], len(Q) > 0, 6 + len(to)
+    lens, bow, theta_at = D_k.shape[2], basis.shape[2], 12 if rig else 6
+    bow_at = theta_at + len(places)
     for block in range(len(blocks)):
-        v = blocks[block, 0]
-        R = R_views[v]
-        for i in range(n):
-            for k in range(i + 1):
-                A[i, k] = 0.0
-        for row in range(blocks[block, 1], blocks[block, 2]):
-            at = row - start
-            j = index[row]
-            a, b, iz = x[at, 0], x[at, 1], 1 / X_c[at, 2]
-            X_r = rows[4]
-            for i in range(3):
-                X_r[i] = X_c[at, i] - t_rig[i]
+        v, begin = blocks[block, 0], blocks[block, 1]
+        for row in range(begin, blocks[block, 2]):
+            at, j = row - start, index[row]
+            iz = 1 / X_c[at, 2]
             for c in range(2):
-                fill = theta_rows[c]
-                if c == 0:
-                    d0 = (theta[0] * D[at, 0, 0] + theta[4] * D[at, 1, 0]) * iz
-                    d1 = (theta[0] * D[at, 0, 1] + theta[4] * D[at, 1, 1]) * iz
-                    fill[0], fill[1], fill[2], fill[3], fill[4] = x_d[at, 0], 0.0, 1.0, 0.0, x_d[at, 1]
-                    for i in range(D_k.shape[2]):
-                        fill[5 + i] = theta[0] * D_k[at, 0, i] + theta[4] * D_k[at, 1, i]
-                else:
-                    d0, d1 = theta[1] * D[at, 1, 0] * iz, theta[1] * D[at, 1, 1] * iz
-                    fill[0], fill[1], fill[2], fill[3], fill[4] = 0.0, x_d[at, 1], 0.0, 1.0, 0.0
-                    for i in range(D_k.shape[2]):
-                        fill[5 + i] = theta[1] * D_k[at, 1, i]
-                g[0], g[1], g[2] = d0, d1, -(a * d0 + b * d1)
+                h, fx, sk = 2 * (row - begin) + c, theta[c], theta[4] if c == 0 else 0.0
+                d0 = (fx * D[at, c, 0] + sk * D[at, 1, 0]) * iz
+                d1 = (fx * D[at, c, 1] + sk * D[at, 1, 1]) * iz
+                g[0], g[1], g[2] = d0, d1, -(x[at, 0] * d0 + x[at, 1] * d1)
+                for i in range(4):
+                    of_theta[i] = 0.0
+                of_theta[c], of_theta[2 + c] = x_d[at, c], 1.0
+                of_theta[4] = x_d[at, 1] if c == 0 else 0.0
+                for i in range(lens):
+                    of_theta[5 + i] = fx * D_k[at, c, i] + sk * D_k[at, 1, i]
                 for i in range(3):
                     q[i] = g[0] * R_rig[0, i] + g[1] * R_rig[1, i] + g[2] * R_rig[2, i]
-                fill_row(g, q, Y[at], X_r, R, fill, places, factor, basis[j], rig, rows[c], shifts[c])
-                rows[c, n - 1] = r[at, c]
-            if len(weights) > 0:
-                w = weights[row]
-                for i in range(n):
-                    a, b = rows[0, i], rows[1, i]
-                    rows[0, i], rows[1, i] = w[0, 0] * a + w[0, 1] * b, w[1, 0] * a + w[1, 1] * b
                 for i in range(3):
-                    a, b = shifts[0, i], shifts[1, i]
-                    shifts[0, i], shifts[1, i] = w[0, 0] * a + w[0, 1] * b, w[1, 0] * a + w[1, 1] * b
-            first, second = rows[0], rows[1]
-            for i in range(n):
-                a, b = first[i], second[i]
-                for k in range(i + 1):
-                    A[i, k] += a * first[k] + b * second[k]
+                    k, m = (i + 1) % 3, (i + 2) % 3
+                    shift[c, i] = q[0] * R_views[v, 0, i] + q[1] * R_views[v, 1, i] + q[2] * R_views[v, 2, i]
+                    J[i, h], J[3 + i, h] = Y[at, k] * q[m] - Y[at, m] * q[k], q[i]
+                    if rig:
+                        J[6 + i, h] = (X_c[at, k] - t_rig[k]) * g[m] - (X_c[at, m] - t_rig[m]) * g[k]
+                        J[9 + i, h] = g[i]
+                for i in range(len(places)):
+                    J[theta_at + i, h] = factor[i] * of_theta[places[i]]
+                for i in range(bow):
+                    J[bow_at + i, h] = (
+                        shift[c, 0] * basis[j, 0, i] + shift[c, 1] * basis[j, 1, i] + shift[c, 2] * basis[j, 2, i]
+                    )
+                J[n - 1, h] = r[at, c]
+            h = 2 * (row - begin)
+            if len(weights) > 0:
+                w00, w01, w10, w11 = weights[row, 0, 0], weights[row, 0, 1], weights[row, 1, 0], weights[row, 1, 1]
+                for i in range(n):
+                    a, b = J[i, h], J[i, h + 1]
+                    J[i, h], J[i, h + 1] = w00 * a + w01 * b, w10 * a + w11 * b
+                for i in range(3):
+                    a, b = shift[0, i], shift[1, i]
+                    shift[0, i], shift[1, i] = w00 * a + w01 * b, w10 * a + w11 * b
             if released:
                 for i in range(3):
                     if free[j, i]:
-                        a, b = shifts[0, i], shifts[1, i]
+                        a, b = shift[0, i], shift[1, i]
                         for k in range(3):
                             if free[j, k]:
-                                Q[j, i, k] += a * shifts[0, k] + b * shifts[1, k]
+                                Q[j, i, k] += a * shift[0, k] + b * shift[1, k]
                         for k in range(6):
-                            C[j, v, i, k] += a * first[k] + b * second[k]
+                            C[j, v, i, k] += a * J[k, h] + b * J[k, h + 1]
                         for k in range(6, n):
                             if to[k - 6] >= 0:
-                                P[j, i, to[k - 6]] += a * first[k] + b * second[k]
+                                P[j, i, to[k - 6]] += a * J[k, h] + b * J[k, h + 1]
+        products(J, n, 2 * (blocks[block, 2] - blocks[block, 1]), A)
         for i in range(6):
             for k in range(i + 1):
                 V[v, i, k] += A[i, k]
@@ -164,25 +158,25 @@ def factor_in_place(A, n, rows):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FUSED)
-def shaped_step_kernel(U, O, B, E, N, C, mu, D2, D2_o, D2_e, S, L, Z, dz, do, de):
+def shaped_step_kernel(U, H, B, E, N, C, mu, D2, D2_h, D2_e, S, L, Z, dz, dh, de):
     """Solve (A + μD²) δ = −b, the group E of blocks eliminated first; return the promised decrease and max |D δ|.
 
-    A consists of U (F + 1, F + 1; the residual is the last unknown), of two groups of small blocks, O and E, of their
-    products with U's unknowns, B and N, and with one another, C (E, O, e, o). S (R + 1, R + 1) takes what is left when E
-    is gone: O's unknowns, then U's. The longest move is −1 if A is not positive definite.
+    A consists of U (F + 1, F + 1; the residual is the last unknown), of two groups of small blocks, E and H, of their
+    products with U's unknowns, N and B, and with one another, C (E, H, e, h). S (R + 1, R + 1) takes what is left when
+    E is gone: H's unknowns, then U's. The longest move is −1 if A is not positive definite.
     """
-    F, e, o = len(U) - 1, E.shape[1], O.shape[1]
-    ahead = o * len(O)
+    F, e, h = len(U) - 1, E.shape[1], H.shape[1]
+    ahead = h * len(H)
     R = ahead + F
     for i in range(ahead):
         for k in range(i + 1):
             S[i, k] = 0.0
-    for b in range(len(O)):
-        for i in range(o):
-            at = o * b + i
+    for b in range(len(H)):
+        for i in range(h):
+            at = h * b + i
             for k in range(i + 1):
-                S[at, o * b + k] = O[b, i, k]
-            S[at, at] += mu * D2_o[b, i]
+                S[at, h * b + k] = H[b, i, k]
+            S[at, at] += mu * D2_h[b, i]
             for f in range(F + 1):
                 S[ahead + f, at] = B[b, i, f]
     for f in range(F + 1):
@@ -191,25 +185,25 @@ def shaped_step_kernel(U, O, B, E, N, C, mu, D2, D2_o, D2_e, S, L, Z, dz, do, de
         if f < F:
             S[ahead + f, ahead + f] += mu * D2[f]
     for n in range(len(E)):
-        l, z = L[n], Z[n]
+        factor, z = L[n], Z[n]
         for i in range(e):
             for k in range(i + 1):
-                l[i, k] = E[n, i, k]
-            l[i, i] += mu * D2_e[n, i]
-        if not factor_in_place(l, e, e):
+                factor[i, k] = E[n, i, k]
+            factor[i, i] += mu * D2_e[n, i]
+        if not factor_in_place(factor, e, e):
             return 0.0, -1.0
         for i in range(e):
             row = z[i]
-            for b in range(len(O)):
-                for k in range(o):
-                    row[o * b + k] = C[n, b, i, k]
+            for b in range(len(H)):
+                for k in range(h):
+                    row[h * b + k] = C[n, b, i, k]
             for f in range(F + 1):
                 row[ahead + f] = N[n, i, f]
             for k in range(i):
-                a, other = l[i, k], z[k]
+                a, other = factor[i, k], z[k]
                 for f in range(R + 1):
                     row[f] -= a * other[f]
-            a = 1 / l[i, i]
+            a = 1 / factor[i, i]
             for f in range(R + 1):
                 row[f] *= a
         for i in range(0, e, 3):
@@ -235,21 +229,21 @@ def shaped_step_kernel(U, O, B, E, N, C, mu, D2, D2_o, D2_e, S, L, Z, dz, do, de
         dz[f] = a
         promised += a * (mu * scale * a - U[F, f])
         longest = max(longest, a * a * scale)
-    for b in range(len(O)):
-        for i in range(o):
-            a, scale = d[o * b + i], D2_o[b, i]
-            do[b, i] = a
+    for b in range(len(H)):
+        for i in range(h):
+            a, scale = d[h * b + i], D2_h[b, i]
+            dh[b, i] = a
             promised += a * (mu * scale * a - B[b, i, F])
             longest = max(longest, a * a * scale)
     for n in range(len(E)):
-        l, z, step = L[n], Z[n], de[n]
+        factor, z, step = L[n], Z[n], de[n]
         for i in range(e - 1, -1, -1):
             total = 0.0
             for f in range(R + 1):
                 total -= z[i, f] * d[f]
             for k in range(i + 1, e):
-                total -= l[k, i] * step[k]
-            a, scale = total / l[i, i], D2_e[n, i]
+                total -= factor[k, i] * step[k]
+            a, scale = total / factor[i, i], D2_e[n, i]
             step[i] = a
             promised += a * (mu * scale * a - N[n, i, F])
             longest = max(longest, a * a * scale)
