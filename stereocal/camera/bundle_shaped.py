@@ -68,7 +68,7 @@ class ShapedEngine:
         self._scale()
 
     def _layout(self, c: int) -> tuple[Any, ...]:
-        """Of a camera: rows, blocks (view, first row, end), places and factors of free parameters, columns' places in z."""
+        """Of a camera: rows, blocks (view, first row, end), free parameters' places and factors, places in z."""
         bundle, F = self._bundle, self._F
         rows, blocks = bundle.rows_of_camera(c)
         where = np.stack([bundle.view_of_block[blocks], bundle.offsets[blocks], bundle.offsets[blocks + 1]], axis=1)
