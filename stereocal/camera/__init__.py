@@ -34,6 +34,7 @@
 ``bundle_problem``                  from lists of views to flat arrays
 ``board_shape``                     the board's shape as unknowns
 ``board_shape_fit``                 fitting it, and asking held-out views
+``odd_views``                       views whose corners are in another order, named
 ``outliers``                        corners that do not belong
 ``refinements``                     from the plain optimum to the one asked for
 ``priors``                          what is known beforehand

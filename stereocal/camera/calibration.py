@@ -45,7 +45,7 @@ from stereocal.camera.lens_doubts import lens_doubts
 from stereocal.camera.lens_starts import first_lens
 from stereocal.camera.losses import LOSSES
 from stereocal.camera.model import Camera
-from stereocal.camera.odd_views import OddView, OddViewsError, odd_view_warnings, odd_views
+from stereocal.camera.odd_views import OddView, blame_odd_views, odd_view_warnings, odd_views
 from stereocal.camera.outliers import RejectedCorner
 from stereocal.camera.parameters import fixed_names, free_columns, intrinsic_names, prior_arrays
 from stereocal.camera.pose import initial_poses
@@ -259,9 +259,8 @@ def calibrate_camera(
     try:
         result = _result(refined.bundle, refined.solution, size, lens, names, refined.kind, refined.held_out_rms)
     except DegenerateGeometryError as error:
-        if not any(not view.from_behind for view in odd):
-            raise
-        raise OddViewsError(f"{odd_view_warnings(odd)[0]}; with all views, {error}") from error
+        blame_odd_views(odd, error)
+        raise
     if odd:
         result = replace(result, odd=odd, warnings=(*odd_view_warnings(odd), *result.warnings))
     if not refined.kept.all():  # residuals of all corners, as they were passed in; the RMS is of the corners kept

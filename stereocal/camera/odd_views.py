@@ -14,11 +14,11 @@ It is odd if e_v is many times the median of the others and a fair part of a squ
 that a spoilt camera must not answer: before it is asked, views are compared by how well a homography fits them, which
 needs no camera. Distortion bends every view's homography somewhat; a wrong order by far more.
 
-**A mirrored order** (rows or columns reversed, a mirrored image) is a board seen from its back, and fits as well as any:
+**A mirrored order** (rows or columns reversed, a mirrored image) is a board seen from its back, and fits like others:
 (r1, −r2, −r3) is a rotation too. One camera of a flat board takes no harm, a rig or a bent board does. The side is the
 sign of n·t, with n the board's normal and t the way to it; the sides of a board are not photographed in turn, so the
-smaller party is named. (Half a turn in the plane is no fault that one camera's views could tell, see
-``pair.corner_order``.)
+smaller party is named. A board seen edge-on shows no side. (Half a turn in the plane is no fault that one camera's
+views could tell, see ``pair.corner_order``.)
 
 The usual set of views pays for two comparisons: no view's RMS is several times the median's, and all show one side.
 """
@@ -42,7 +42,9 @@ from stereocal.camera.seen_boards import seen_boards
 _SUSPECT, _SUSPECT_PIXELS = 3.0, 0.5
 _SUSPECT_HOMOGRAPHY, _BAD_PIXELS = 5.0, 2.0
 # Odd: the RMS of the best pose, in medians of the others and in squares.
-_ODD, _ODD_SQUARES = 6.0, 0.1
+_ODD, _ODD_SQUARES, _BLAMED_SQUARES = 6.0, 0.1, 0.5
+# Sine of the angle to the board's plane below which noise decides which side of it is seen.
+_GRAZING = 0.1
 _ROUNDS = 3
 _LEAST_VIEWS = 3
 
@@ -65,12 +67,15 @@ class OddView:
         Of its best pose, by the camera that the other views give, pixels.
     typical_rms : float
         Median of the others, pixels.
+    squares : float
+        `rms` in squares of the board as that view shows them.
     """
 
     view: int
     from_behind: bool
     rms: float
     typical_rms: float
+    squares: float
 
 
 def odd_views(
@@ -98,14 +103,17 @@ def odd_views(
     found: list[OddView] = []
     if worst > max(_SUSPECT**2 * middle, _SUSPECT_PIXELS**2) or squares.mean() > _BAD_PIXELS**2:
         found = _views_that_no_pose_fits(bundle, solution, np.sqrt(squares), solve)
-    side = np.einsum("vi,vi->v", solution.state.R_views[:, :, 2], solution.state.t_views) > 0
-    if not side.all() and side.any():
-        few = np.count_nonzero(side) * 2
-        behind = side != (side[0] if few == len(side) else few > len(side))
-        known = {odd.view for odd in found}
+    state = solution.state
+    height = np.einsum("vi,vi->v", state.R_views[:, :, 2], state.t_views)
+    if height.min() * height.max() < 0:
+        grazing = np.abs(height) < _GRAZING * np.linalg.norm(state.t_views, axis=1)
+        front, back = (height > 0) & ~grazing, (height < 0) & ~grazing
+        few = (front if height[0] < 0 else back) if front.sum() == back.sum() else min(front, back, key=np.sum)
+        known, rms = {odd.view for odd in found}, np.sqrt(squares)
+        in_squares = rms / _square_sizes(bundle)
         found += [
-            OddView(int(v), True, float(np.sqrt(squares[v])), float(np.sqrt(middle)))
-            for v in np.flatnonzero(behind)
+            OddView(int(v), True, float(rms[v]), float(np.sqrt(middle)), float(in_squares[v]))
+            for v in np.flatnonzero(few)
             if v not in known
         ]
     return tuple(sorted(found, key=lambda odd: odd.view))
@@ -139,13 +147,24 @@ def odd_view_warnings(odd: Sequence[OddView], numbers: Sequence[int] | None = No
                 f"are counted in mirrored order, or the image is mirrored; put {them} right or leave {them} out"
             )
         else:
-            rms = ", ".join(f"{o.rms:.2g}" for o in views)
+            rms = ", ".join(f"{o.rms:.{0 if o.rms > 10 else 1}f}" for o in views)
             sentences.append(
                 f"view {names} {'fits' if one else 'fit'} no pose of the board (RMS {rms} px, the median of the others "
                 f"is {views[0].typical_rms:.2g} px): {its} corners are in another order than the board's points, or of "
                 f"another board; the whole fit suffers, leave {them} out or put {them} right"
             )
     return tuple(sentences)
+
+
+def blame_odd_views(odd: Sequence[OddView], error: DegenerateGeometryError) -> None:
+    """Raise what refuses the views with those named that spoil them; return where none is in another order.
+
+    A lens that the model cannot draw (which may be why the views are refused) leaves residuals too, but not of half a
+    square.
+    """
+    to_blame = [view for view in odd if not view.from_behind and view.squares > _BLAMED_SQUARES]
+    if to_blame:
+        raise OddViewsError(f"{odd_view_warnings(to_blame)[0]}; with all views, {error}") from error
 
 
 def _views_that_no_pose_fits(
@@ -175,8 +194,9 @@ def _views_that_no_pose_fits(
             rms[view] = min(rms[view], _best_pose_rms(*of_views(bundle, fit, np.array([view]))))
         suspects = good & (rms > max(_SUSPECT * np.median(rms[good]), _SUSPECT_PIXELS))
     typical = float(np.median(rms[good]))
-    odd = ~good & (rms > np.maximum(_ODD * typical, _ODD_SQUARES * _square_sizes(bundle)))
-    return [OddView(int(v), False, float(rms[v]), typical) for v in np.flatnonzero(odd)]
+    squares = rms / _square_sizes(bundle)
+    odd = ~good & (rms > _ODD * typical) & (squares > _ODD_SQUARES)
+    return [OddView(int(v), False, float(rms[v]), typical, float(squares[v])) for v in np.flatnonzero(odd)]
 
 
 def _view_rms(bundle: Bundle, state: BundleState) -> Float:
