@@ -26,9 +26,9 @@ import stereocal as sc
 from stereocal.base.rotations import rotation_matrix
 from stereocal.camera.pose import estimate_poses
 
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "tests")]
-from camera_rigs import SIZE, board, rig, stereo_views  # noqa: E402
-from study_random_rigs import random_rig  # noqa: E402
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from camera_rigs import SIZE, board, rig, stereo_views
+from study_random_rigs import random_rig
 
 Order = Callable[[np.ndarray, tuple[int, int], np.random.Generator], np.ndarray]
 
