@@ -35,7 +35,8 @@ free unknown, with a single 1 for a plain parameter and, for a focal length shar
 **Damping** is as in ``base.least_squares``: μD² with D² the diagonal of the normal matrix, gain ratio, Nielsen's rule.
 
 This module is the equation, in NumPy, for every model and option; ``bundle_kernels`` holds its twin for OpenCV's
-models, ``bundle_step_kernels`` that of the step, and ``bundle_compiled`` brings the arrays into their order.
+models, ``bundle_step_kernels`` that of the step, and ``bundle_compiled`` brings the arrays into their order. Boards of
+unknown shape, of any model, have theirs in ``bundle_shaped``.
 
 Sources: Triggs, McLauchlan, Hartley and Fitzgibbon, *Bundle adjustment: a modern synthesis* (2000); Lourakis and
 Argyros (2009).
