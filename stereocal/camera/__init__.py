@@ -30,9 +30,12 @@
 ``bundle_solver``                   Levenberg–Marquardt on the blocks
 ``bundle_step_kernels``             its steps, compiled
 ``bundle_geodesic``                 steps that bend along a valley
+``bundle_shaped``                   the engine for a board of unknown shape, by small blocks
+``bundle_shaped_kernels``           its equations and steps, compiled
 ``bundle_problem``                  from lists of views to flat arrays
 ``board_shape``                     the board's shape as unknowns
 ``board_shape_fit``                 fitting it, and asking held-out views
+``odd_views``                       views whose corners are in another order, named
 ``outliers``                        corners that do not belong
 ``refinements``                     from the plain optimum to the one asked for
 ``priors``                          what is known beforehand

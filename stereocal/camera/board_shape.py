@@ -19,7 +19,8 @@ no linear terms, for the same reason.
 
 **Is it real?** More unknowns always fit better. So "auto" asks views that were not used: the views are dealt into
 five parts, the cameras and the shape are fitted on four of them, the poses alone on the fifth, and the kind with the
-least error there wins; a richer kind must win by more than one per cent.
+least error there wins; a richer kind must win by more than one per cent. Each of these fits begins at that of all
+views, which is near, and goes on to its own optimum.
 
 Source: Strobl and Hirzinger, *More accurate pinhole camera calibration with imperfect planar target*, ICCV Workshops
 2011 (released points).

@@ -21,11 +21,14 @@ from stereocal.camera.covariance import BundleCovariance
 
 # Two views give four equations for the three coordinates of a point; the third makes a check of it.
 _LEAST_VIEWS = 3
+# Fits that begin at an optimum nearby, and what they are allowed.
+_NEARBY, _FOLD_STEPS = 1e-6, 60
 
 
 def fit_shape(
-    bundle: Bundle, solution: BundleSolution, board_warp: bool | str, board: Float, *, max_iterations: int
-) -> tuple[Bundle, BundleSolution, str, dict[str, float]]:
+    bundle: Bundle, solution: BundleSolution, board_warp: bool | str, board: Float, *, max_iterations: int,
+    backend: str = "numba",
+) -> tuple[Bundle, BundleSolution, str, dict[str, float]]:  # fmt: skip
     """Go on from a flat fit to the shape that the user asks for.
 
     Parameters
@@ -40,6 +43,8 @@ def fit_shape(
         The flat board, of all corners, of which some may have been left out of the bundle.
     max_iterations : int
         Limit on steps.
+    backend : {"numba", "numpy"}
+        See ``bundle_solver``.
 
     Returns
     -------
@@ -59,12 +64,14 @@ def fit_shape(
     if kind == "flat":
         return bundle, solution, kind, {}
     _require_one_board(bundle, board)
+    fits = {"flat": (bundle, solution)}
+    for richer in KINDS[1:] if kind == "auto" else (kind,):
+        fits[richer] = release(bundle, solution.state, board, richer, max_iterations=max_iterations, backend=backend)
     held_out: dict[str, float] = {}
     if kind == "auto":
-        held_out = {kind: held_out_rms(bundle, solution.state, board, kind) for kind in KINDS}
+        held_out = {kind: held_out_rms(part, fit.state, backend=backend) for kind, (part, fit) in fits.items()}
         kind = choose_kind(held_out)
-    bundle, solution = release(bundle, solution.state, board, kind, max_iterations=max_iterations)
-    return bundle, solution, kind, held_out
+    return *fits[kind], kind, held_out
 
 
 def numbered(bundle: Bundle, board_warp: bool | str) -> Bundle:
@@ -118,30 +125,29 @@ def _require_one_board(bundle: Bundle, board: Float) -> None:
 
 
 def release(
-    bundle: Bundle, state: BundleState, board: Float, kind: str, *, max_iterations: int = 200
+    bundle: Bundle, state: BundleState, board: Float, kind: str, *, max_iterations: int = 200, backend: str = "numba"
 ) -> tuple[Bundle, BundleSolution]:
-    """Solve with a shape of the given kind among the unknowns, from a flat board; `shape_index` numbers its points."""
+    """Solve with a shape of the given kind among the unknowns, from a flat fit; `shape_index` numbers its points."""
     basis = shape_basis(kind, board)
     if basis is None:
-        return bundle, solve_bundle(bundle, state, max_iterations=max_iterations)
+        return bundle, solve_bundle(bundle, state, max_iterations=max_iterations, backend=backend)
     unknowns = basis.shape[2]
     bundle = replace(bundle, shape_basis=basis, G=np.asarray(block_diag(bundle.G, np.eye(unknowns))))
-    return bundle, solve_bundle(bundle, replace(state, shape=np.zeros(unknowns)), max_iterations=max_iterations)
+    start = replace(state, shape=np.zeros(unknowns))
+    return bundle, solve_bundle(bundle, start, max_iterations=max_iterations, initial_damping=_NEARBY, backend=backend)
 
 
-def held_out_rms(bundle: Bundle, state: BundleState, board: Float, kind: str) -> float:
+def held_out_rms(bundle: Bundle, state: BundleState, *, backend: str = "numba") -> float:
     """Return the RMS, pixels, of views that did not take part: cameras and shape from the others, only poses from them.
 
     Parameters
     ----------
     bundle : Bundle
-        Measurements, flat, with `shape_index`.
+        Measurements, with `shape_index`, and with `shape_basis` unless the board is flat.
     state : BundleState
-        The flat fit of all views; a start, nothing more.
-    board : ndarray of shape (P, 3)
-        The flat board.
-    kind : str
-        Shape.
+        The fit of all views, where each fit of a part begins. That saves steps, no more: it goes on to its own optimum.
+    backend : {"numba", "numpy"}
+        See ``bundle_solver``.
 
     Returns
     -------
@@ -151,14 +157,15 @@ def held_out_rms(bundle: Bundle, state: BundleState, board: Float, kind: str) ->
     for out in folds(bundle.view_count):
         kept = np.setdiff1d(np.arange(bundle.view_count), out)
         training, start = of_views(bundle, state, kept)
-        released, fit = release(training, start, board, kind, max_iterations=60)
-        offsets = np.zeros_like(board) if released.shape_basis is None else released.shape_basis @ fit.state.shape
+        fit = solve_bundle(training, start, max_iterations=_FOLD_STEPS, initial_damping=_NEARBY, backend=backend).state
         test, poses = of_views(bundle, state, out)
-        test.points = test.points + offsets[test.shape_index]
-        test.G = np.zeros((bundle.G.shape[0], 0))
-        known = replace(fit.state, R_views=poses.R_views, t_views=poses.t_views, shape=np.zeros(0))
-        d = residuals(test, solve_bundle(test, known).state)
-        total += float(np.sum(d * d))
+        if bundle.shape_basis is not None:
+            test.points = test.points + (bundle.shape_basis @ fit.shape)[test.shape_index]
+            test.shape_basis = None
+        test.G = np.zeros((bundle.shape_slice.start, 0))
+        known = replace(fit, R_views=poses.R_views, t_views=poses.t_views, shape=np.zeros(0))
+        d = residuals(test, solve_bundle(test, known, initial_damping=_NEARBY, backend=backend).state)
+        total += float(np.vdot(d, d))
         count += len(d)
     return float(np.sqrt(total / count))
 

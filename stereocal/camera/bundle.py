@@ -35,7 +35,8 @@ free unknown, with a single 1 for a plain parameter and, for a focal length shar
 **Damping** is as in ``base.least_squares``: μD² with D² the diagonal of the normal matrix, gain ratio, Nielsen's rule.
 
 This module is the equation, in NumPy, for every model and option; ``bundle_kernels`` holds its twin for OpenCV's
-models, ``bundle_step_kernels`` that of the step, and ``bundle_compiled`` brings the arrays into their order.
+models, ``bundle_step_kernels`` that of the step, and ``bundle_compiled`` brings the arrays into their order. Boards of
+unknown shape, of any model, have theirs in ``bundle_shaped``.
 
 Sources: Triggs, McLauchlan, Hartley and Fitzgibbon, *Bundle adjustment: a modern synthesis* (2000); Lourakis and
 Argyros (2009).
@@ -245,7 +246,7 @@ def cost(bundle: Bundle, state: BundleState) -> float:
     from stereocal.camera.losses import loss_and_weight
 
     value = float(np.sum(loss_and_weight(np.sum(r * r, axis=1), bundle.loss, bundle.loss_scale)[0]))
-    return value + _prior(bundle, state)[0]
+    return value + prior_equations(bundle, state)[0]
 
 
 def normal_equations(bundle: Bundle, state: BundleState) -> NormalEquations:
@@ -294,7 +295,7 @@ def normal_equations(bundle: Bundle, state: BundleState) -> NormalEquations:
             out.V[view] += Jv.T @ Jv
             out.b_views[view] += Jv.T @ e
             out.W[view] += Jz.T @ Jv
-    prior_cost, prior_U, prior_b = _prior(bundle, state)
+    prior_cost, prior_U, prior_b = prior_equations(bundle, state)
     out.cost += prior_cost
     if bundle.prior_weights is not None:
         out.U += prior_U
@@ -350,8 +351,8 @@ def _points_in_camera(bundle: Bundle, state: BundleState, camera: int) -> tuple[
     return Y, X_0, X_0 @ state.R_rig[camera].T + state.t_rig[camera]
 
 
-def _prior(bundle: Bundle, state: BundleState) -> tuple[float, Float, Float]:
-    """F, U and b of the priors Σ (w (s − m))²."""
+def prior_equations(bundle: Bundle, state: BundleState) -> tuple[float, Float, Float]:
+    """Return F, U and b of the priors Σ (w (s − m))² alone."""
     if bundle.prior_weights is None or bundle.prior_means is None:
         return 0.0, np.zeros(0), np.zeros(0)
     e = bundle.prior_weights * (state.shared_vector() - bundle.prior_means)

@@ -32,6 +32,7 @@ import numpy as np
 from stereocal.base.checks import Float, require_choice
 from stereocal.camera.bundle import Bundle, BundleState, NormalEquations, normal_equations
 from stereocal.camera.bundle_compiled import CompiledEngine, has_kernel
+from stereocal.camera.bundle_shaped import ShapedEngine, has_sparse_shape
 
 _GRADIENT_TOLERANCE = 1e-10
 _COST_TOLERANCE = 1e-14
@@ -144,6 +145,8 @@ def solve_bundle(
         from stereocal.camera.bundle_geodesic import GeodesicEngine
 
         engine = GeodesicEngine(bundle, state, _compiled_equations if compiled else normal_equations)
+    elif backend == "numba" and has_sparse_shape(bundle):
+        engine = ShapedEngine(bundle, state)
     else:
         engine = CompiledEngine(bundle, state) if compiled else NumpyEngine(bundle, state)
     mu, nu = initial_damping, 2.0
@@ -292,7 +295,8 @@ def damped_step(equations: NormalEquations, mu: float, D2_shared: Float, D2_view
         V_inv_b = (damped.V_inverse @ equations.b_views[:, :, None])[:, :, 0]
         rhs = -(equations.b_shared - np.einsum("vfi,vi->f", equations.W, V_inv_b))
         scale = 1 / np.sqrt(np.maximum(np.diag(S), 1e-300))
-        dz = scale * np.linalg.solve(S * scale[:, None] * scale, scale * rhs) if len(rhs) else rhs
+        with np.errstate(over="ignore", invalid="ignore"):  # where S is not positive the step is refused below
+            dz = scale * np.linalg.solve(S * scale[:, None] * scale, scale * rhs) if len(rhs) else rhs
     except np.linalg.LinAlgError:
         return None
     dv = -(V_inv_b + V_inv_Wt @ dz)

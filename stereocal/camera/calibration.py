@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -44,6 +45,7 @@ from stereocal.camera.lens_doubts import lens_doubts
 from stereocal.camera.lens_starts import first_lens
 from stereocal.camera.losses import LOSSES
 from stereocal.camera.model import Camera
+from stereocal.camera.odd_views import OddView, blame_odd_views, odd_view_warnings, odd_views
 from stereocal.camera.outliers import RejectedCorner
 from stereocal.camera.parameters import fixed_names, free_columns, intrinsic_names, prior_arrays
 from stereocal.camera.pose import initial_poses
@@ -88,7 +90,9 @@ class CameraCalibration:
     rejected : list of RejectedCorner
         Corners that were left out, with the reason.
     warnings : tuple of str
-        What the views leave open, see ``lens_doubts``.
+        What the views leave open, see ``lens_doubts``, and which of them do not belong.
+    odd : tuple of OddView
+        Views that do not belong to the others, see ``odd_views``.
     """
 
     camera: Camera
@@ -108,6 +112,7 @@ class CameraCalibration:
     joint: BundleCovariance = field(repr=False)
     rejected: list[RejectedCorner] = field(default_factory=list)
     warnings: tuple[str, ...] = ()
+    odd: tuple[OddView, ...] = ()
 
     def summary(self) -> str:
         """Return the result in a few lines of text, each parameter with its standard deviation."""
@@ -237,18 +242,27 @@ def calibrate_camera(
     bundle.loss, bundle.loss_scale = loss, require_positive(loss_scale, "loss_scale")
     bundle.whitening = whitening_of([covariances], [images])
 
+    solve = partial(
+        solve_from_starts, lens=lens, held=held, image_size=size, aspect_ratio=aspect_ratio,
+        max_iterations=max_iterations, backend=backend,
+    )  # fmt: skip
     if initial is None:
-        solution = solve_from_starts(
-            bundle, lens, held, size, aspect_ratio=aspect_ratio, max_iterations=max_iterations, backend=backend
-        )
+        solution = solve(bundle)
     else:
         state = _given_state(objects, images, initial, lens, held, size)
         solution = solve_bundle(bundle, state, max_iterations=max_iterations, backend=backend)
+    odd = () if reject_outliers else odd_views(bundle, solution, solve if initial is None else None)
     refined = refine_optimum(
         bundle, solution, board_warp=board_warp, reject_outliers=reject_outliers,
         priors=known, max_iterations=max_iterations, backend=backend,
     )  # fmt: skip
-    result = _result(refined.bundle, refined.solution, size, lens, names, refined.kind, refined.held_out_rms)
+    try:
+        result = _result(refined.bundle, refined.solution, size, lens, names, refined.kind, refined.held_out_rms)
+    except DegenerateGeometryError as error:
+        blame_odd_views(odd, error)
+        raise
+    if odd:
+        result = replace(result, odd=odd, warnings=(*odd_view_warnings(odd), *result.warnings))
     if not refined.kept.all():  # residuals of all corners, as they were passed in; the RMS is of the corners kept
         d, offsets = -refined.residuals, refined.everything.offsets
         result = replace(result, residuals=[d[a:b] for a, b in pairwise(offsets)], rejected=refined.rejected())

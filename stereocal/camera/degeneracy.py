@@ -227,7 +227,13 @@ def _refuse_parallel(
     if spread > _CLEARLY_TILTED:
         return
     variance = max(joint.variance, _LEAST_NOISE**2) if np.isfinite(joint.variance) else _LEAST_NOISE**2
-    chi2 = slopes_chi2(n, np.asarray(variance * equations.V_inverse[:, :3, :3]))
+    try:
+        chi2 = slopes_chi2(n, np.asarray(variance * equations.V_inverse[:, :3, :3]))
+    except np.linalg.LinAlgError as error:
+        raise DegenerateGeometryError(
+            f"{_views(state)} do not determine the camera: at the best fit there is one whose corners leave its pose "
+            "open; check the order of corners and board points in each view"
+        ) from error
     from scipy.special import chdtri
 
     # a focal length that ran away says nothing about angles; their ratio to their uncertainty still does

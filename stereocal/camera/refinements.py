@@ -93,7 +93,7 @@ def refine_optimum(
         typical = float(np.median(np.linalg.norm(residuals(bundle, solution.state), axis=1)))
         bundle = replace(bundle, loss="cauchy", loss_scale=max(typical, 1e-9))
     bundle, solution, kind, held_out = fit_shape(
-        bundle, solution, board_warp, board_of(bundle), max_iterations=max_iterations
+        bundle, solution, board_warp, board_of(bundle), max_iterations=max_iterations, backend=backend
     )
     bundle = everything = replace(bundle, loss=loss, loss_scale=loss_scale)
     kept, limit = np.ones(len(bundle.points), dtype=bool), np.inf

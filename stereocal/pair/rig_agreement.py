@@ -20,12 +20,16 @@ then the start's own error.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from stereocal.base.checks import Float
 from stereocal.base.errors import ConvergenceError
 from stereocal.camera.bundle import Bundle, BundleState, residuals
 from stereocal.camera.bundle_solver import BundleSolution
+from stereocal.camera.calibration import CameraCalibration
+from stereocal.camera.odd_views import odd_view_warnings
 from stereocal.pair.rig_start import Poses
 
 # The joint fit is bad from this number of times the first camera's own RMS on, and not below this one in pixels.
@@ -35,7 +39,38 @@ _ODD_PIXELS, _ODD_FACTOR = 4.0, 6.0
 _NO_RIG_PIXELS, _NO_RIG_FACTOR = 10.0, 20.0
 
 
-def disagreement(bundle: Bundle, start: BundleState, poses: list[Poses], solution: BundleSolution) -> str:
+def odd_in_rig(
+    names: Sequence[str], alone: Sequence[CameraCalibration | None], bundle: Bundle, start: BundleState,
+    poses: list[Poses], solution: BundleSolution,
+) -> list[str]:  # fmt: skip
+    """Return sentences on views that are odd: to a camera by itself, or in the rig, by the numbers the rig gives them.
+
+    A camera that a view in another order has spoilt predicts corners anywhere; what it says of other views is kept back
+    until that one is put right.
+
+    Parameters
+    ----------
+    names : sequence of str
+        What the cameras are called.
+    alone : sequence of CameraCalibration or None
+        Each camera by itself.
+    bundle, start, poses, solution
+        See :func:`disagreement`.
+
+    Returns
+    -------
+    list of str
+    """
+    found = [(name, c.odd, p) for name, c, p in zip(names, alone, poses, strict=True) if c is not None]
+    named = [f"{name} camera: {said}" for name, odd, p in found for said in odd_view_warnings(odd, p.views.tolist())]
+    apart = disagreement(bundle, start, poses, solution, named)
+    spoilt = any(not view.from_behind for _, odd, _ in found for view in odd)
+    return named if spoilt or not apart else [*named, apart]
+
+
+def disagreement(
+    bundle: Bundle, start: BundleState, poses: list[Poses], solution: BundleSolution, named: Sequence[str] = ()
+) -> str:
     """Return a sentence that names the views that do not fit the rig of the others; empty where there are none.
 
     Parameters
@@ -48,6 +83,8 @@ def disagreement(bundle: Bundle, start: BundleState, poses: list[Poses], solutio
         Each camera's own.
     solution : BundleSolution
         Where the fit ended.
+    named : sequence of str
+        What is known to be odd already, a likelier cause than any.
 
     Returns
     -------
@@ -70,7 +107,7 @@ def disagreement(bundle: Bundle, start: BundleState, poses: list[Poses], solutio
         if not solution.converged or rms > max(_NO_RIG_PIXELS, _NO_RIG_FACTOR * own):
             raise ConvergenceError(
                 f"the views agree on no common rig: where the first camera sees the board predicts the corners of the "
-                f"others {middle:.0f} px off (median); {_likely_cause(poses)}"
+                f"others {middle:.0f} px off (median); {'; '.join(named) or _likely_cause(poses)}"
             )
         return ""
     odd = np.flatnonzero(predicted > max(_ODD_PIXELS, _ODD_FACTOR * middle))

@@ -44,6 +44,7 @@ from stereocal.camera.distortion import distortion_model
 from stereocal.camera.lens_doubts import lens_doubts
 from stereocal.camera.losses import LOSSES
 from stereocal.camera.model import Camera
+from stereocal.camera.odd_views import OddViewsError
 from stereocal.camera.outliers import RejectedCorner
 from stereocal.camera.parameters import (
     fixed_names,
@@ -55,7 +56,7 @@ from stereocal.camera.parameters import (
 )
 from stereocal.camera.pose import estimate_poses
 from stereocal.camera.refinements import refine_optimum
-from stereocal.pair.rig_agreement import disagreement
+from stereocal.pair.rig_agreement import odd_in_rig
 from stereocal.pair.rig_inputs import fix_of_camera, spread_priors
 from stereocal.pair.rig_start import Poses, is_unsure, starting_state
 
@@ -228,14 +229,19 @@ def solve_rig(
     # both together determine no more: no optimum, or one with a pose that nothing holds
     if refused and not (solution.converged and np.linalg.eigvalsh(solution.equations.V).min() > 0):
         raise refused[0]
-    odd = disagreement(bundle, start, poses, solution)
+    odd = odd_in_rig(views.names, alone, bundle, start, poses, solution)
     every = [f"{camera}.{name}" for camera, own in zip(views.names, parameters, strict=True) for name in own]
-    return _finished(bundle, solution, cameras, alone, [*every, *motion_names], views.names, options, odd)
+    try:
+        return _finished(bundle, solution, cameras, alone, [*every, *motion_names], views.names, options, odd)
+    except (ConvergenceError, DegenerateGeometryError) as error:
+        if not odd:
+            raise
+        raise type(error)(f"{'; '.join(odd)}; with all views, {error}") from error
 
 
 def _finished(
     bundle: Bundle, solution: BundleSolution, cameras: list[Camera], alone: list[CameraCalibration | None],
-    every: list[str], camera_names: Sequence[str], options: RigOptions, odd: str,
+    every: list[str], camera_names: Sequence[str], options: RigOptions, odd: list[str],
 ) -> RigSolution:  # fmt: skip
     """From the joint optimum to the result: outliers, priors and the board's shape, where they are asked for."""
     known = None
@@ -257,7 +263,7 @@ def _finished(
         of_cameras = _by_camera(refined.everything, -refined.residuals)[3]
         rejected = refined.rejected()
     # corners that are left out are named one by one
-    warnings = [odd] if odd and not options.reject_outliers else []
+    warnings = [] if options.reject_outliers else list(odd)
     warnings += [
         f"{name}: {doubt}"
         for c, name in enumerate(camera_names)
@@ -319,6 +325,8 @@ def _each_alone(
             try:
                 calibration = calibrate()
                 camera, rvecs, tvecs = calibration.camera, calibration.rvecs, calibration.tvecs
+            except OddViewsError:
+                raise  # other starts would only spread what these views are wrong by
             except DegenerateGeometryError as error:
                 if options.fix_intrinsics or len(seen) < _VIEWS_OF_ONE:
                     raise
@@ -367,7 +375,7 @@ def _calibrate_alone(
         return calibrate_camera(X, y, size, **{**options, "fix": [*options["fix"], *also_fix]})
     except DegenerateGeometryError as error:
         among = "" if complete else " (views counted among those it saw)"
-        raise DegenerateGeometryError(f"{name} camera by itself{among}: {error}") from error
+        raise type(error)(f"{name} camera by itself{among}: {error}") from error
 
 
 def _with_held(

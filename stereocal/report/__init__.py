@@ -23,6 +23,7 @@
 ``figures_images``        pictures with photographs in them
 ``figures_detection``     how a board was found, or how far the search got
 ``figures_residuals``     pictures of what the fit leaves over
+``figures_board``         the board's shape: a map, and profiles with its hinge
 ``figures_geometry``      the rig in space, coverage, maps over the image
 ``figures_curves``        σ_Z over distance, the paper's figures 7 and 8
 ``figures_benchmarks``    pictures of ``bench``: ratio a kernel, time against size

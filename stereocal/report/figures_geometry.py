@@ -282,29 +282,3 @@ def draw_field(
     dress_image(axes, image_size, title)
     add_colorbar(figure, shown, axes, label)
     return figure
-
-
-def draw_board_shape(heights: ArrayLike, *, unit: str = "", title: str = "shape of the board") -> Figure:
-    """Draw how far each corner stands off the board's plane, as a map of the board.
-
-    Parameters
-    ----------
-    heights : array_like of shape (rows, columns)
-        Positive away from the camera.
-    unit, title : str
-
-    Returns
-    -------
-    Figure
-    """
-    values = np.asarray(heights, dtype=np.float64)
-    rows, columns = values.shape
-    figure, grid = new_figure(PANEL, image_panel_height((columns, rows), PANEL, 0.3))
-    axes = grid[0, 0]
-    reach = float(np.abs(values).max()) or 1.0
-    shown = axes.imshow(values, cmap=DIVERGING, vmin=-reach, vmax=reach, interpolation="bilinear")
-    x, y = np.meshgrid(np.arange(columns), np.arange(rows))
-    axes.plot(x.ravel(), y.ravel(), ".", color=INK, markersize=3)
-    dress_image(axes, (columns, rows), title)
-    add_colorbar(figure, shown, axes, f"off the plane{', ' + unit if unit else ''}")
-    return figure

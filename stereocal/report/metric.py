@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from stereocal.base.checks import Float
 from stereocal.report.board_bend import BoardBend
 from stereocal.report.evidence import Evidence
-from stereocal.report.figures_geometry import draw_board_shape
+from stereocal.report.figures_board import draw_board_shape, heights_over_plane
 from stereocal.report.rectified import rectify_corners
 from stereocal.report.rig_parameters import depths
 from stereocal.report.verdicts import Block, Picture, Table, Verdict, judge
@@ -179,13 +179,15 @@ def _judge_metric(
 
 
 def _bend_picture(evidence: Evidence, bend: BoardBend) -> Picture:
-    heights = bend.heights.reshape(evidence.rows, evidence.columns)
+    # a calibration that freed the board's shape has it in its points already: the step finds what is left of it
+    heights = heights_over_plane(evidence.object_points) + bend.heights
+    heights = heights.reshape(evidence.rows, evidence.columns)
     typical = float(np.median(bend.sigma))
     return Picture(
         "board_shape",
         f"The board's shape as all views together see it: height of each corner over its plane (σ {typical:.2g} "
-        f"{evidence.unit} a corner). A smooth pattern is a bend, a step is a hinge, a mixture is noise.",
-        lambda: draw_board_shape(heights, unit=evidence.unit),
+        f"{evidence.unit} a corner), and its lines from the side: a curve is a bow, a kink a hinge, a mixture noise.",
+        lambda: draw_board_shape(heights, unit=evidence.unit, sigma=typical),
     )
 
 

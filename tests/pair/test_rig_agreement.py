@@ -64,10 +64,56 @@ def test_the_pairs_that_do_not_fit_are_named() -> None:
     assert sc.calibrate_stereo(X, LEFT, swapped, SIZE).warnings[0].startswith("view 2, 5 do not fit")
 
 
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        (lambda y: y[ROWS_REVERSED], "view 3 shows the board from the other side than the rest"),
+        (lambda y: y * [-1, 1] + [SIZE[0] - 1, 0], "view 3 shows the board from the other side than the rest"),
+        (lambda y: y[np.arange(54).reshape(6, 9).T.ravel()], "view 3 fits no pose of the board"),
+        (lambda y: y[np.random.default_rng(0).permutation(54)], "view 3 fits no pose of the board"),
+    ],
+    ids=["rows reversed", "image mirrored", "columns first", "shuffled"],
+)
+def test_one_camera_s_view_in_another_order_is_named(side: int, wrong, sentence: str) -> None:
+    sides = [list(LEFT), list(RIGHT)]
+    sides[side][3] = wrong(sides[side][3])
+    try:
+        said = sc.calibrate_stereo(X, *sides, SIZE).warnings
+    except sc.StereocalError as error:
+        said = (str(error),)
+    assert any(f"{('left', 'right')[side]} camera" in text and sentence in text for text in said)
+    assert not any(f"{('right', 'left')[side]} camera: view" in text for text in said)
+
+
+def test_views_are_numbered_as_the_rig_has_them() -> None:
+    """A camera that missed views counts those it saw, but the warning speaks of all."""
+    right = [np.zeros((0, 2)) if i in (0, 2) else y for i, y in enumerate(RIGHT)]
+    right[5] = right[5][ROWS_REVERSED]
+    found = sc.calibrate_rig(X, [LEFT, right], SIZE)
+    said = [text for text in found.warnings if "other side" in text]
+    assert len(said) == 1
+    assert "camera: view 5 shows the board" in said[0]
+
+
+def test_what_is_refused_for_a_view_in_another_order_is_laid_to_it() -> None:
+    refused = 0
+    for seed in range(12):
+        left, right, _ = stereo_views(rig(), X, 5, seed=seed, noise=0.2)
+        right[1] = right[1][ROWS_REVERSED]
+        try:
+            said = "; ".join(sc.calibrate_stereo(X, left, right, SIZE).warnings)
+        except sc.StereocalError as error:
+            said, refused = str(error), refused + 1
+        assert "view 1 shows the board from the other side" in said
+    assert refused > 0
+
+
 @pytest.mark.parametrize("noise", [0.0, 0.2, 1.0])
 def test_pairs_that_belong_together_are_not_accused(noise: float) -> None:
     left, right, _ = stereo_views(rig(), X, 8, seed=5, noise=noise)
-    assert not any("fit the rig" in warning for warning in sc.calibrate_stereo(X, left, right, SIZE).warnings)
+    found = sc.calibrate_stereo(X, left, right, SIZE)
+    assert not any("view" in warning for warning in found.warnings)
 
 
 def test_cameras_given_as_a_start_do_not_hide_degenerate_views() -> None:

@@ -9,7 +9,14 @@ import pytest
 from matplotlib.figure import Figure
 from report_cases import SIZE, Case
 
-from stereocal.report import figures_curves, figures_detection, figures_geometry, figures_images, figures_residuals
+from stereocal.report import (
+    figures_board,
+    figures_curves,
+    figures_detection,
+    figures_geometry,
+    figures_images,
+    figures_residuals,
+)
 from stereocal.report.style import to_png
 
 RANDOM = np.random.default_rng(0)
@@ -113,7 +120,36 @@ def test_geometry(healthy: Case) -> None:
     pixels(figures_geometry.draw_coverage(healthy.left[0], SIZE, border=[True] * 30 + [False] * 30))
     pixels(figures_geometry.draw_signed_map(CORNERS, CORNERS[:, 0] * 0, SIZE, title="t", label="l"))
     pixels(figures_geometry.draw_field(np.full((4, 5), np.nan), SIZE, title="t", label="l"))
-    pixels(figures_geometry.draw_board_shape(np.zeros((6, 7))))
+
+
+def test_board_shape() -> None:
+    pixels(figures_board.draw_board_shape(np.zeros((6, 7))))
+    columns = np.mgrid[:6, :7][1].astype(float)
+    hinge = 0.02 * np.abs(columns - 4)
+    noisy = hinge + RANDOM.normal(0, 0.001, hinge.shape)
+    figure = figures_board.draw_board_shape(noisy, unit="squares", sigma=0.001)
+    pixels(figure)
+    upper, lower = figure.axes[:2]
+    assert (upper.get_xlabel(), upper.get_ylabel(), lower.get_xlabel()) == ("column", "row", "column")
+    assert lower.get_ylabel() == "off the plane, squares"
+    assert "sharpest bend, column 4" in [text.get_text() for text in lower.get_legend().get_texts()]
+
+
+def test_a_hinge_is_found_where_it_is_certain() -> None:
+    rows, columns = np.mgrid[:6, :9].astype(float)
+    assert figures_board.sharpest_bend(0.02 * np.abs(rows - 1), 0.001) == (0, 1)
+    assert figures_board.sharpest_bend(0.02 * np.abs(columns - 5), 0.001) == (1, 5)
+    assert figures_board.sharpest_bend(RANDOM.normal(0, 0.001, (6, 9)), 0.001)[1] is None
+    assert figures_board.sharpest_bend(0.02 * np.abs(rows - 1), np.inf) == (0, None)
+    assert figures_board.sharpest_bend(np.ones((2, 9)), 0.001)[1] is None
+
+
+def test_heights_are_those_over_the_best_plane() -> None:
+    points = np.column_stack([RANDOM.uniform(0, 9, (30, 2)), np.zeros(30)])
+    tilted = points + np.column_stack([np.zeros((30, 2)), 0.3 + 0.02 * points[:, 0] - 0.01 * points[:, 1]])
+    np.testing.assert_allclose(figures_board.heights_over_plane(tilted), 0, atol=1e-12)
+    tilted[7, 2] += 1
+    assert figures_board.heights_over_plane(tilted)[7] > 0.7
 
 
 def test_curves() -> None:
