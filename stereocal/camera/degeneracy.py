@@ -58,13 +58,11 @@ from stereocal.camera.bundle import Bundle, BundleState, NormalEquations
 from stereocal.camera.bundle_solver import schur_complement, solve_bundle
 from stereocal.camera.covariance import BundleCovariance
 from stereocal.camera.distortion import distortion_model
-from stereocal.camera.lens_doubts import squared_radii
+from stereocal.camera.lens_doubts import UNDETERMINED, squared_radii
 from stereocal.camera.parameters import intrinsic_names
 
 ADVICE = "photograph the board tilted by 30 to 45 degrees, to a different side each time"
 
-# Relative standard deviation of the focal length beyond which the views do not determine it.
-_UNDETERMINED = 0.5
 _LEAST_NOISE = 0.01
 # How often parallel boards are taken for tilted ones.
 _SIGNIFICANCE = 1e-3
@@ -139,7 +137,7 @@ def _refuse(
     for camera, (doubt, name) in enumerate(zip(doubts, names, strict=True)):
         fy = float(state.intrinsics[camera][1])
         is_free = np.any(bundle.G[bundle.intrinsic_slices[camera]][:2]) and joint.degrees_of_freedom > 0
-        if is_free and not (doubt < _UNDETERMINED * fy and fy < _LONGEST * widths[camera]):
+        if is_free and not (doubt < UNDETERMINED * fy and fy < _LONGEST * widths[camera]):
             _refuse_open_focal_length(bundle, state, equations, joint, camera, f" of the {name} camera" if name else "")
 
 
@@ -201,7 +199,7 @@ def _left_open_by_parallel_boards(
     for part, width, R in zip(bundle.intrinsic_slices, widths, state.R_rig, strict=True):
         rows = np.arange(part.start, part.start + 5)
         if bundle.prior_weights is not None:
-            rows = rows[bundle.prior_weights[rows] * _UNDETERMINED * width <= np.sqrt(joint.variance)]
+            rows = rows[bundle.prior_weights[rows] * UNDETERMINED * width <= np.sqrt(joint.variance)]
         known = 5 - int(np.count_nonzero(bundle.G[rows].any(axis=0)))
         # 2 cos + 1 is the trace of the turn between two cameras
         like = [i for i, (other, _) in enumerate(turned) if np.sum(R * other) > 2 * np.cos(_TURNED) + 1]

@@ -22,6 +22,11 @@ The lens starts from none or, where that is no good start, as ``lens_starts`` ha
 (rational and beyond) has minima of its own and long flat valleys between them: every start gets a limited number of
 steps, and only the lowest few go on to the end. A parameter that has come to a bound of its model, where it changes
 nothing to first order, is held there and the rest goes on (a field-of-view lens asked to draw a pincushion).
+
+F need not have a lowest minimum at all: it may fall, by a thousandth, for as long as coefficients grow, to no end. What
+such a way has come to is no optimum. It is left, whatever its F, for the lowest minimum that is one: reached, of a
+plausible camera, its focal length determined (``_is_optimum``). If there is none, or it is a kink (``lens_doubts``),
+the poles of the lens are searched for (``pole_search``).
 """
 
 from __future__ import annotations
@@ -38,7 +43,9 @@ from stereocal.camera.bundle import Bundle, BundleState, normal_equations
 from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
 from stereocal.camera.camera_starts import Start, closed_form_starts, focal_search, lens_search, plausible
 from stereocal.camera.covariance import half_of_inverse
+from stereocal.camera.distortion import distortion_model
 from stereocal.camera.distortion_base import DistortionModel
+from stereocal.camera.lens_doubts import UNDETERMINED, kink_radius, squared_radii
 from stereocal.camera.lens_starts import (
     SMALLER,
     staged_start,
@@ -47,6 +54,8 @@ from stereocal.camera.lens_starts import (
     state_of,
     with_lens,
 )
+from stereocal.camera.parameters import free_columns, intrinsic_names
+from stereocal.camera.pole_search import RADIAL, pole_starts
 from stereocal.camera.pose_reversal import solve_with_reversals
 from stereocal.camera.seen_boards import SeenBoards, seen_boards
 
@@ -66,6 +75,10 @@ _MANY_VIEWS, _FEW_VIEWS = 200, 40
 _TRIAL_STEPS = 200
 _NEAR = 2e-3
 _POLISHED = 3
+# Solutions of the same F and camera, to these parts of them, are on their way to one place.
+_SAME, _SAME_CAMERA = 1e-6, 1e-2
+# Starts that the search for poles gives, and how often it is made.
+_POLE_STARTS, _POLE_ROUNDS = 16, 3
 
 
 def solve_from_starts(
@@ -116,8 +129,12 @@ def solve_from_starts(
             if not _has_outlying_view(bundle, best):
                 return best
             break
+    if best is None and _has_poles_adrift(bundle, tried, lens, image_size):
+        smooth = _without_poles(boards, lens, held, image_size, aspect_ratio, backend)
+        if smooth is not None:
+            tried += _with_poles_sought(bundle, smooth, image_size, min(max_iterations, _TRIAL_STEPS), backend)
     if best is None:
-        best = _polished(bundle, tried, max_iterations, backend)
+        best = _polished(bundle, tried, image_size, max_iterations, backend)
     if best is not None and np.isfinite(best.cost):
         best = solve_with_reversals(bundle, best, backend, rounds=_REVERSALS, steps=max_iterations)
     if best is None or not np.isfinite(best.cost):
@@ -157,18 +174,51 @@ def _state_from_few(
     return BundleState([theta], np.eye(3)[None], np.zeros((1, 3)), *boards.poses(K))
 
 
-def _polished(bundle: Bundle, tried: list[BundleSolution], max_iterations: int, backend: str) -> BundleSolution | None:
-    """The lowest of the solutions tried, after those near to it that had not arrived have gone on."""
+def _polished(
+    bundle: Bundle, tried: list[BundleSolution], image_size: tuple[int, int], max_iterations: int, backend: str
+) -> BundleSolution | None:
+    """The lowest optimum among the solutions tried, after those near to it that had not arrived have gone on."""
     tried = sorted((s for s in tried if np.isfinite(s.cost)), key=lambda solution: solution.cost)
-    near = [s for s in tried if s.cost <= tried[0].cost * (1 + _NEAR)]
-    done = []
-    for solution in near[:_POLISHED]:
-        left = max_iterations - solution.iterations
-        if solution.reason == "iterations" and left > 0:
-            further = solve_bundle(bundle, solution.state, max_iterations=left, backend=backend, in_valley=True)
-            solution = replace(further, iterations=solution.iterations + further.iterations)
-        done.append(solution)
-    return min(done, key=lambda solution: solution.cost, default=None)
+    optima = [_is_optimum(bundle, solution, image_size) for solution in tried]
+    limit = min((s.cost for s, optimum in zip(tried, optima, strict=True) if optimum), default=np.inf)
+    done = [solution for solution, optimum in zip(tried, optima, strict=True) if optimum][:1]
+    under_way = [
+        s for s in tried
+        if s.reason == "iterations" and s.cost <= min(tried[0].cost, limit) * (1 + _NEAR)
+        and (np.isinf(limit) or _is_plausible(s, image_size))
+    ]  # fmt: skip
+    for solution in _different(under_way)[:_POLISHED]:
+        done.append(_arrived(bundle, solution, limit, image_size, max_iterations, backend))
+    done += tried[:1]
+    return min(done, key=lambda s: (not _is_optimum(bundle, s, image_size), s.cost), default=None)
+
+
+def _arrived(
+    bundle: Bundle, solution: BundleSolution, to_beat: float, image_size: tuple[int, int], max_iterations: int,
+    backend: str,
+) -> BundleSolution:  # fmt: skip
+    """Go on from a solution along its valley; given an F to beat, only while the camera and the pace leave hope."""
+    while solution.reason == "iterations" and (left := max_iterations - solution.iterations) > 0:
+        steps = left if np.isinf(to_beat) else min(left, _TRIAL_STEPS)
+        further = solve_bundle(bundle, solution.state, max_iterations=steps, backend=backend, in_valley=True)
+        won = solution.cost - further.cost
+        solution = replace(further, iterations=solution.iterations + further.iterations)
+        if not _is_plausible(solution, image_size) or solution.cost - won * (left - steps) / steps > to_beat:
+            break
+    return solution
+
+
+def _different(solutions: list[BundleSolution]) -> list[BundleSolution]:
+    """The solutions without those that have come to the same place as another: of the same F and the same camera."""
+    kept: list[BundleSolution] = []
+    for s in solutions:
+        K = s.state.intrinsics[0][:4]
+        if not any(
+            s.cost <= k.cost * (1 + _SAME) and np.allclose(K, k.state.intrinsics[0][:4], rtol=_SAME_CAMERA)
+            for k in kept
+        ):
+            kept.append(s)
+    return kept
 
 
 def _held_where_stuck(
@@ -235,6 +285,80 @@ def _starting_states(
                 yield begin(Start(K, *boards.poses(K), np.nan))
 
 
+def _without_poles(
+    boards: SeenBoards, lens: DistortionModel, held: set[str], image_size: tuple[int, int],
+    aspect_ratio: float | None, backend: str,
+) -> BundleState | None:  # fmt: skip
+    """A state of a rational lens whose k1, k2 alone are not 0: a fit of Brown's without k3."""
+    brown = distortion_model("brown")
+    names = intrinsic_names(brown)
+    hold = (held & set(names)) | {"k3"}
+    part = replace(boards.bundle, models=[brown], G=free_columns(names, hold, aspect_ratio))
+    try:
+        smooth = solve_from_starts(
+            part, brown, hold, image_size, aspect_ratio=aspect_ratio, max_iterations=_TRIAL_STEPS, backend=backend
+        )
+    except ConvergenceError:
+        return None
+    theta = np.concatenate([smooth.state.intrinsics[0], np.zeros(lens.parameter_count - brown.parameter_count)])
+    return replace(smooth.state, intrinsics=[theta])
+
+
+def _with_poles_sought(
+    bundle: Bundle, state: BundleState, image_size: tuple[int, int], steps: int, backend: str
+) -> list[BundleSolution]:
+    """Solutions from what ``pole_search`` gives at a state, and then at the lowest optimum, while that falls."""
+    found: list[BundleSolution] = []
+    lowest = np.inf
+    for _ in range(_POLE_ROUNDS):
+        starts = pole_starts(bundle, state, _POLE_STARTS)
+        found += [solve_bundle(bundle, start, max_iterations=steps, backend=backend) for start in starts]
+        optima = [solution for solution in found if _is_optimum(bundle, solution, image_size)]
+        best = min(optima, key=lambda solution: solution.cost, default=None)
+        if best is None or best.cost >= lowest:
+            break
+        lowest, state = best.cost, best.state
+    return found
+
+
+def _has_poles_adrift(
+    bundle: Bundle, tried: list[BundleSolution], lens: DistortionModel, image_size: tuple[int, int]
+) -> bool:
+    """Whether the lens has poles that are free, and no optimum was found, or the lowest of them is a kink."""
+    free = {name for name, row in zip(intrinsic_names(lens), bundle.G, strict=True) if row.any()}
+    if not free.issuperset(RADIAL):
+        return False
+    optima = [solution for solution in tried if _is_optimum(bundle, solution, image_size)]
+    return not optima or _has_kink(bundle, min(optima, key=lambda solution: solution.cost))
+
+
+def _has_kink(bundle: Bundle, solution: BundleSolution) -> bool:
+    """Whether a pole of a rational lens is next to the corners (``lens_doubts``)."""
+    if "k6" not in bundle.models[0].parameter_names:
+        return False
+    s_max = float(squared_radii(bundle, solution.state, 0).max())
+    return kink_radius(solution.state.intrinsics[0][5:], s_max) is not None
+
+
+def _is_plausible(solution: BundleSolution, image_size: tuple[int, int]) -> bool:
+    fx, fy, cx, cy = solution.state.intrinsics[0][:4]
+    return plausible(fx, fy, cx, cy, image_size)
+
+
+def _is_optimum(bundle: Bundle, solution: BundleSolution, image_size: tuple[int, int]) -> bool:
+    """Whether a solution has arrived, is a plausible camera, and its focal length is determined."""
+    if not solution.converged or not _is_plausible(solution, image_size):
+        return False
+    freedom = 2 * len(bundle.points) - bundle.G.shape[1] - 6 * bundle.view_count
+    if freedom <= 0 or not bundle.G.shape[1]:
+        return True
+    half = half_of_inverse(solution.equations)
+    if half is None:
+        return False
+    row = bundle.G[1] @ half
+    return math.sqrt(float(row @ row) * solution.cost / freedom) < UNDETERMINED * solution.state.intrinsics[0][1]
+
+
 def _has_outlying_view(bundle: Bundle, solution: BundleSolution) -> bool:
     """Whether a view fits much worse than the others do, as one whose board is tilted the wrong way."""
     d = solution.equations.residuals
@@ -247,6 +371,8 @@ def _beyond_doubt(bundle: Bundle, solution: BundleSolution, image_size: tuple[in
     """Whether an optimum was found quickly, is a plausible camera, and has a centre that the data determine."""
     fx, fy, cx, cy = solution.state.intrinsics[0][:4]
     if not solution.converged or solution.iterations > _MANY_STEPS or not plausible(fx, fy, cx, cy, image_size):
+        return False
+    if _has_kink(bundle, solution):
         return False
     freedom = 2 * len(bundle.points) - bundle.G.shape[1] - 6 * bundle.view_count
     if freedom <= 0 or not bundle.G.shape[1]:

@@ -38,6 +38,8 @@ _MANY_COEFFICIENTS = 6
 _NOT_APART = 0.999
 _NEAR_POLE = 0.25
 _ADRIFT = 0.02
+# Relative standard deviation of the focal length beyond which the views do not determine it.
+UNDETERMINED = 0.5
 
 
 def lens_doubts(
