@@ -22,12 +22,15 @@
 ``pose_reversal``                   Necker's reversal: boards tilted the other way
 ``initialisation``                  where the iteration starts
 ``lens_starts``                     where a lens starts
+``pole_search``                     where the poles of a rational lens may lie
 ``lens_doubts``                     what a fit leaves open: coefficients that trade, kinks, a centre adrift
 ``bundle``                          bundle adjustment: residuals, derivatives, block normal equations
 ``bundle_compiled``                 its arrays, laid out for kernels
 ``bundle_kernels``                  residuals and normal equations, compiled
 ``bundle_solver``                   Levenberg–Marquardt on the blocks
 ``bundle_step_kernels``             its steps, compiled
+``bundle_sums``                     normal equations for lenses without columns in the kernels
+``bundle_sums_kernels``             their sums, compiled
 ``bundle_geodesic``                 steps that bend along a valley
 ``bundle_problem``                  from lists of views to flat arrays
 ``board_shape``                     the board's shape as unknowns

@@ -58,7 +58,7 @@ from stereocal.camera.bundle import Bundle, BundleState, NormalEquations
 from stereocal.camera.bundle_solver import schur_complement, solve_bundle
 from stereocal.camera.covariance import BundleCovariance
 from stereocal.camera.distortion import distortion_model
-from stereocal.camera.lens_doubts import UNDETERMINED, squared_radii
+from stereocal.camera.lens_doubts import UNDETERMINED, points_in_camera
 from stereocal.camera.parameters import intrinsic_names
 
 ADVICE = "photograph the board tilted by 30 to 45 degrees, to a different side each time"
@@ -220,7 +220,8 @@ def _refuse_parallel(
         )
     n = state.R_views[:, :, 2]
     slopes = n[:, :2] / n[:, 2:]
-    scale = width / max(abs(float(state.intrinsics[0][0])), 1e-300)
+    drawn = 1.0 if _draws_at_its_focal_length(bundle, state, 0) else drawn_scale(bundle, state, 0)
+    scale = width / max(abs(float(state.intrinsics[0][0])) * (drawn if np.isfinite(drawn) else 1.0), 1e-300)
     spread = float(np.max(np.ptp(slopes, axis=0))) * min(scale, 1.0)
     if spread > _CLEARLY_TILTED:
         return
@@ -330,17 +331,37 @@ def _doubt(
 
 
 def _draws_at_its_focal_length(bundle: Bundle, state: BundleState, camera: int) -> bool:
-    """Whether a rational lens draws the corners at about the scale that fy says: 1 at the centre, f(s) where they are.
+    """Whether a lens draws the corners at about the scale that K says: 1 at the centre, ``drawn_scale`` where they are.
 
-    Coefficients that grow without end leave the 1 in numerator and denominator behind: f is then 1 at a centre that
-    nothing shows, another number everywhere else, and fy follows no measurement.
+    Coefficients that grow without end leave the 1 in numerator and denominator behind: the scale is then 1 at a centre
+    that nothing shows, another everywhere else, and fy follows no measurement.
     """
-    if "k6" not in bundle.models[camera].parameter_names:
-        return False
-    s = float(np.median(squared_radii(bundle, state, camera)))
-    k = state.intrinsics[camera][5:]
-    f = (1 + s * (k[0] + s * (k[1] + s * k[4]))) / (1 + s * (k[5] + s * (k[6] + s * k[7])))
-    return bool(1 / _LIKE_ITSELF < f < _LIKE_ITSELF)
+    return bool(1 / _LIKE_ITSELF < drawn_scale(bundle, state, camera) < _LIKE_ITSELF)
+
+
+def drawn_scale(bundle: Bundle, state: BundleState, camera: int) -> float:
+    """Return the scale at which a lens draws the corners, times the focal length in pixels a radian; the median.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        The measurements.
+    state : BundleState
+        Where.
+    camera : int
+        Which camera.
+
+    Returns
+    -------
+    float
+        √|det ∂x_d/∂x| (1 + r²)^¾: an angle's square is drawn on the normalised plane (1 + r²)^(3/2) times as large, so
+        that turning the camera, and its principal point with it, changes nothing. NaN where the lens has no answer.
+    """
+    X_c = points_in_camera(bundle, state, camera)
+    x = X_c[:, :2] / X_c[:, 2:]
+    J = bundle.models[camera].jacobians_compiled(x, state.intrinsics[camera][5:])[1]
+    of_area = J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] * J[:, 1, 0]
+    return float(np.median(np.sqrt(np.abs(of_area)) * (1 + np.sum(x * x, axis=1)) ** 0.75))
 
 
 def _views(state: BundleState) -> str:

@@ -32,7 +32,7 @@ the poles of the lens are searched for (``pole_search``).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import chain
 
@@ -40,6 +40,7 @@ import numpy as np
 
 from stereocal.base.errors import ConvergenceError, StereocalError
 from stereocal.camera.bundle import Bundle, BundleState, normal_equations
+from stereocal.camera.bundle_compiled import has_kernel
 from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
 from stereocal.camera.camera_starts import Start, closed_form_starts, focal_search, lens_search, plausible
 from stereocal.camera.covariance import half_of_inverse
@@ -71,12 +72,15 @@ _AWAY = 0.2
 _OUTLYING = 3.0
 # From this number of views on, a part of them, about so many, gives the camera to begin with.
 _MANY_VIEWS, _FEW_VIEWS = 200, 40
-# Steps of each start, and how near to the lowest (as a part of F) a start must come to go on from there.
-_TRIAL_STEPS = 200
+# Steps of each start, for lenses with and without columns in the kernels, and how near to the lowest (as a part of F) a
+# start must come to go on from there.
+_TRIAL_STEPS, _COSTLY_TRIAL_STEPS = 200, 60
 _NEAR = 2e-3
 _POLISHED = 3
 # Solutions of the same F and camera, to these parts of them, are on their way to one place.
 _SAME, _SAME_CAMERA = 1e-6, 1e-2
+# Starts that differ by less, in all numbers, are one.
+_ONE_PLACE = 1e-3
 # Starts that the search for poles gives, and how often it is made.
 _POLE_STARTS, _POLE_ROUNDS = 16, 3
 
@@ -117,10 +121,11 @@ def solve_from_starts(
     tried: list[BundleSolution] = []
     best: BundleSolution | None = None
     from_few = _state_from_few(boards, lens, held, image_size, aspect_ratio, backend)
-    states = _starting_states(boards, lens, held, image_size, aspect_ratio, backend)
+    states = _distinct(_starting_states(boards, lens, held, image_size, aspect_ratio, backend))
+    steps = min(max_iterations, _TRIAL_STEPS if has_kernel(bundle) else _COSTLY_TRIAL_STEPS)
     for state in states if from_few is None else chain([from_few], states):
         solution = solve_bundle(
-            bundle, state, max_iterations=min(max_iterations, _TRIAL_STEPS), backend=backend,
+            bundle, state, max_iterations=steps, backend=backend,
             initial_damping=1e-6 if state is from_few else 1e-3,
         )  # fmt: skip
         tried.append(_held_where_stuck(bundle, solution, lens, max_iterations, backend))
@@ -132,7 +137,7 @@ def solve_from_starts(
     if best is None and _has_poles_adrift(bundle, tried, lens, image_size):
         smooth = _without_poles(boards, lens, held, image_size, aspect_ratio, backend)
         if smooth is not None:
-            tried += _with_poles_sought(bundle, smooth, image_size, min(max_iterations, _TRIAL_STEPS), backend)
+            tried += _with_poles_sought(bundle, smooth, image_size, steps, backend)
     if best is None:
         best = _polished(bundle, tried, image_size, max_iterations, backend)
     if best is not None and np.isfinite(best.cost):
@@ -189,6 +194,7 @@ def _polished(
     ]  # fmt: skip
     for solution in _different(under_way)[:_POLISHED]:
         done.append(_arrived(bundle, solution, limit, image_size, max_iterations, backend))
+        limit = min(limit, done[-1].cost if done[-1].converged else np.inf)
     done += tried[:1]
     return min(done, key=lambda s: (not _is_optimum(bundle, s, image_size), s.cost), default=None)
 
@@ -233,6 +239,20 @@ def _held_where_stuck(
     further = solve_bundle(part, solution.state, max_iterations=max_iterations, backend=backend)
     equations = normal_equations(bundle, further.state)
     return replace(further, equations=equations, iterations=solution.iterations + further.iterations)
+
+
+def _distinct(states: Iterable[BundleState]) -> Iterator[BundleState]:
+    """The states without those that repeat an earlier one: staged fits from different cameras may end in one place."""
+    given: list[BundleState] = []
+    for state in states:
+        theta, R = state.intrinsics[0], state.R_views
+        if not any(
+            np.allclose(theta, other.intrinsics[0], rtol=_ONE_PLACE, atol=_ONE_PLACE)
+            and np.allclose(R, other.R_views, rtol=0, atol=_ONE_PLACE)
+            for other in given
+        ):
+            given.append(state)
+            yield state
 
 
 def _starting_states(

@@ -122,12 +122,17 @@ def kink_radius(k: Float, s_max: float) -> float | None:
     return float(np.sqrt(nearest[i])) if distance[i] < _NEAR_POLE * s_max else None
 
 
-def squared_radii(bundle: Bundle, state: BundleState, camera: int) -> Float:
-    """Return r² of a camera's corners on the normalised plane, (m,)."""
+def points_in_camera(bundle: Bundle, state: BundleState, camera: int) -> Float:
+    """Return a camera's corners in its own coordinates, (m, 3)."""
     rows, blocks = bundle.rows_of_camera(camera)
     view = np.repeat(bundle.view_of_block[blocks], np.diff(bundle.offsets)[blocks])
     X_0 = np.einsum("nij,nj->ni", state.R_views[view], bundle.points[rows]) + state.t_views[view]
-    X_c = X_0 @ state.R_rig[camera].T + state.t_rig[camera]
+    return np.asarray(X_0 @ state.R_rig[camera].T + state.t_rig[camera])
+
+
+def squared_radii(bundle: Bundle, state: BundleState, camera: int) -> Float:
+    """Return r² of a camera's corners on the normalised plane, (m,)."""
+    X_c = points_in_camera(bundle, state, camera)
     return np.asarray((X_c[:, 0] ** 2 + X_c[:, 1] ** 2) / X_c[:, 2] ** 2)
 
 
