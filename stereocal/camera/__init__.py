@@ -21,6 +21,7 @@
 ``camera_starts``                   candidates for the camera matrix
 ``pose_reversal``                   Necker's reversal: boards tilted the other way
 ``initialisation``                  where the iteration starts
+``optima``                          what an optimum is, and which of several wins
 ``lens_starts``                     where a lens starts
 ``pole_search``                     where the poles of a rational lens may lie
 ``lens_doubts``                     what a fit leaves open: coefficients that trade, kinks, a centre adrift

@@ -34,6 +34,9 @@ model is the answer. As long as the lens draws its corners at about the scale of
 coefficients alone that are open, and the camera is good for every pixel: it is returned, with a warning
 (``lens_doubts``).
 
+**Has the principal point left?** With coefficients that can do the work of a turn of the camera, it may run until the
+first corner is 90° off the axis, where the normalised plane ends and with it the model. That is no optimum either.
+
 **Or is it the lens?** A model that cannot draw the lens at all (a pinhole, for a wide angle) leaves residuals so large
 that tilts vanish among them. Before one camera of fewer coefficients than Brown's is refused, Brown's is fitted; where
 it leaves a third of the RMS or less, that is said, and the views are not blamed.
@@ -58,7 +61,7 @@ from stereocal.camera.bundle import Bundle, BundleState, NormalEquations
 from stereocal.camera.bundle_solver import schur_complement, solve_bundle
 from stereocal.camera.covariance import BundleCovariance
 from stereocal.camera.distortion import distortion_model
-from stereocal.camera.lens_doubts import UNDETERMINED, points_in_camera
+from stereocal.camera.lens_doubts import UNDETERMINED, drawn_scale, squared_radii
 from stereocal.camera.parameters import intrinsic_names
 
 ADVICE = "photograph the board tilted by 30 to 45 degrees, to a different side each time"
@@ -81,6 +84,8 @@ _UNSURE = 0.1
 _STEPS_ELSEWHERE = 100
 # A lens that leaves this part of the RMS is the better one.
 _FAR_BETTER = 3.0
+# Corners at more than this r on the normalised plane are at its edge: within 0.06 degrees of 90.
+_EDGE = 1e3
 # Cameras turned against each other by less than this see parallel boards alike.
 _TURNED = np.radians(20.0)
 
@@ -128,6 +133,8 @@ def _refuse(
     bundle: Bundle, state: BundleState, equations: NormalEquations, joint: BundleCovariance, widths: list[int],
     names: Sequence[str],
 ) -> None:  # fmt: skip
+    for camera, name in enumerate(names):
+        _refuse_at_the_edge(bundle, state, camera, f" of the {name} camera" if name else "")
     doubts = [_doubt(bundle, equations, joint, camera) for camera in range(len(names))]
     if _left_open_by_parallel_boards(bundle, state, joint, widths):
         _refuse_parallel(bundle, state, equations, joint, widths[0])
@@ -188,6 +195,22 @@ def _refuse_open_focal_length(
     raise DegenerateGeometryError(
         f"{_views(state)} {'does' if len(state.R_views) == 1 else 'do'} not determine the focal length{of_camera} "
         f"(fy = {fy:.3g} ± {doubt:.2g} pixels): {_tilts(state)}; {ADVICE}"
+    )
+
+
+def _refuse_at_the_edge(bundle: Bundle, state: BundleState, camera: int, of_camera: str) -> None:
+    s = squared_radii(bundle, state, camera)
+    rows, _ = bundle.rows_of_camera(camera)
+    if not s.max() > _EDGE**2 or not bundle.G[bundle.intrinsic_slices[camera]][2:4].any():
+        return
+    at = int(np.searchsorted(bundle.offsets, rows.start + int(np.argmax(s)), side="right")) - 1
+    cx, cy = state.intrinsics[camera][2:4]
+    model = bundle.models[camera]
+    raise DegenerateGeometryError(
+        f"{_views(state)} do not determine the principal point{of_camera} along with the {model.parameter_count} "
+        f"coefficients of model {model.name!r}: it ran to ({cx:.0f}, {cy:.0f}), until a corner of view "
+        f"{bundle.view_of_block[at]} is 90 degrees off the axis, where the model ends; hold it by "
+        "fix='principal_point', or choose a model with fewer coefficients, such as 'brown'"
     )
 
 
@@ -337,31 +360,6 @@ def _draws_at_its_focal_length(bundle: Bundle, state: BundleState, camera: int) 
     that nothing shows, another everywhere else, and fy follows no measurement.
     """
     return bool(1 / _LIKE_ITSELF < drawn_scale(bundle, state, camera) < _LIKE_ITSELF)
-
-
-def drawn_scale(bundle: Bundle, state: BundleState, camera: int) -> float:
-    """Return the scale at which a lens draws the corners, times the focal length in pixels a radian; the median.
-
-    Parameters
-    ----------
-    bundle : Bundle
-        The measurements.
-    state : BundleState
-        Where.
-    camera : int
-        Which camera.
-
-    Returns
-    -------
-    float
-        √|det ∂x_d/∂x| (1 + r²)^¾: an angle's square is drawn on the normalised plane (1 + r²)^(3/2) times as large, so
-        that turning the camera, and its principal point with it, changes nothing. NaN where the lens has no answer.
-    """
-    X_c = points_in_camera(bundle, state, camera)
-    x = X_c[:, :2] / X_c[:, 2:]
-    J = bundle.models[camera].jacobians_compiled(x, state.intrinsics[camera][5:])[1]
-    of_area = J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] * J[:, 1, 0]
-    return float(np.median(np.sqrt(np.abs(of_area)) * (1 + np.sum(x * x, axis=1)) ** 0.75))
 
 
 def _views(state: BundleState) -> str:

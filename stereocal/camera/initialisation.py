@@ -23,15 +23,12 @@ The lens starts from none or, where that is no good start, as ``lens_starts`` ha
 steps, and only the lowest few go on to the end. A parameter that has come to a bound of its model, where it changes
 nothing to first order, is held there and the rest goes on (a field-of-view lens asked to draw a pincushion).
 
-F need not have a lowest minimum at all: it may fall, by a thousandth, for as long as coefficients grow, to no end. What
-such a way has come to is no optimum. It is left, whatever its F, for the lowest minimum that is one: reached, of a
-plausible camera, its focal length determined (``_is_optimum``). If there is none, or it is a kink (``lens_doubts``),
-the poles of the lens are searched for (``pole_search``).
+Which of the solutions wins, ``optima`` says. If there is no optimum among those of a rational lens, or the lowest is a
+kink (``lens_doubts``), the poles of the lens are searched for (``pole_search``).
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import chain
@@ -42,11 +39,9 @@ from stereocal.base.errors import ConvergenceError, StereocalError
 from stereocal.camera.bundle import Bundle, BundleState, normal_equations
 from stereocal.camera.bundle_compiled import has_kernel
 from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
-from stereocal.camera.camera_starts import Start, closed_form_starts, focal_search, lens_search, plausible
-from stereocal.camera.covariance import half_of_inverse
+from stereocal.camera.camera_starts import Start, closed_form_starts, focal_search, lens_search
 from stereocal.camera.distortion import distortion_model
 from stereocal.camera.distortion_base import DistortionModel
-from stereocal.camera.lens_doubts import UNDETERMINED, kink_radius, squared_radii
 from stereocal.camera.lens_starts import (
     SMALLER,
     staged_start,
@@ -55,6 +50,7 @@ from stereocal.camera.lens_starts import (
     state_of,
     with_lens,
 )
+from stereocal.camera.optima import beyond_doubt, has_kink, has_outlying_view, is_optimum, polished
 from stereocal.camera.parameters import free_columns, intrinsic_names
 from stereocal.camera.pole_search import RADIAL, pole_starts
 from stereocal.camera.pose_reversal import solve_with_reversals
@@ -62,23 +58,13 @@ from stereocal.camera.seen_boards import SeenBoards, seen_boards
 
 # Models that OpenCV has, whose lens may start from zero; the others start from a fit with k1, k2.
 _DIRECT_START = ("pinhole", "polynomial", "brown", "rational", "thin_prism", "tilted")
-# An optimum found in more steps than this, or with a principal point less sure than this part of the width, is doubted.
-_MANY_STEPS = 20
-_UNSURE = 0.01
 _REVERSALS = 5
 # How far from the middle, as a part of the image, the principal point is put where it is in doubt.
 _AWAY = 0.2
-# Times the median RMS of the views, beyond which a view may be in another minimum than the rest.
-_OUTLYING = 3.0
 # From this number of views on, a part of them, about so many, gives the camera to begin with.
 _MANY_VIEWS, _FEW_VIEWS = 200, 40
-# Steps of each start, for lenses with and without columns in the kernels, and how near to the lowest (as a part of F) a
-# start must come to go on from there.
+# Steps of each start, for lenses with and without columns in the kernels.
 _TRIAL_STEPS, _COSTLY_TRIAL_STEPS = 200, 60
-_NEAR = 2e-3
-_POLISHED = 3
-# Solutions of the same F and camera, to these parts of them, are on their way to one place.
-_SAME, _SAME_CAMERA = 1e-6, 1e-2
 # Starts that differ by less, in all numbers, are one.
 _ONE_PLACE = 1e-3
 # Starts that the search for poles gives, and how often it is made.
@@ -129,9 +115,9 @@ def solve_from_starts(
             initial_damping=1e-6 if state is from_few else 1e-3,
         )  # fmt: skip
         tried.append(_held_where_stuck(bundle, solution, lens, max_iterations, backend))
-        if _beyond_doubt(bundle, tried[-1], image_size):
+        if beyond_doubt(bundle, tried[-1], image_size):
             best = min(tried, key=lambda solution: solution.cost)
-            if not _has_outlying_view(bundle, best):
+            if not has_outlying_view(bundle, best):
                 return best
             break
     if best is None and _has_poles_adrift(bundle, tried, lens, image_size):
@@ -139,7 +125,7 @@ def solve_from_starts(
         if smooth is not None:
             tried += _with_poles_sought(bundle, smooth, image_size, steps, backend)
     if best is None:
-        best = _polished(bundle, tried, image_size, max_iterations, backend)
+        best = polished(bundle, tried, image_size, max_iterations, backend)
     if best is not None and np.isfinite(best.cost):
         best = solve_with_reversals(bundle, best, backend, rounds=_REVERSALS, steps=max_iterations)
     if best is None or not np.isfinite(best.cost):
@@ -177,54 +163,6 @@ def _state_from_few(
     theta = found.state.intrinsics[0]
     K = np.array([[theta[0], theta[4], theta[2]], [0, theta[1], theta[3]], [0, 0, 1]])
     return BundleState([theta], np.eye(3)[None], np.zeros((1, 3)), *boards.poses(K))
-
-
-def _polished(
-    bundle: Bundle, tried: list[BundleSolution], image_size: tuple[int, int], max_iterations: int, backend: str
-) -> BundleSolution | None:
-    """The lowest optimum among the solutions tried, after those near to it that had not arrived have gone on."""
-    tried = sorted((s for s in tried if np.isfinite(s.cost)), key=lambda solution: solution.cost)
-    optima = [_is_optimum(bundle, solution, image_size) for solution in tried]
-    limit = min((s.cost for s, optimum in zip(tried, optima, strict=True) if optimum), default=np.inf)
-    done = [solution for solution, optimum in zip(tried, optima, strict=True) if optimum][:1]
-    under_way = [
-        s for s in tried
-        if s.reason == "iterations" and s.cost <= min(tried[0].cost, limit) * (1 + _NEAR)
-        and (np.isinf(limit) or _is_plausible(s, image_size))
-    ]  # fmt: skip
-    for solution in _different(under_way)[:_POLISHED]:
-        done.append(_arrived(bundle, solution, limit, image_size, max_iterations, backend))
-        limit = min(limit, done[-1].cost if done[-1].converged else np.inf)
-    done += tried[:1]
-    return min(done, key=lambda s: (not _is_optimum(bundle, s, image_size), s.cost), default=None)
-
-
-def _arrived(
-    bundle: Bundle, solution: BundleSolution, to_beat: float, image_size: tuple[int, int], max_iterations: int,
-    backend: str,
-) -> BundleSolution:  # fmt: skip
-    """Go on from a solution along its valley; given an F to beat, only while the camera and the pace leave hope."""
-    while solution.reason == "iterations" and (left := max_iterations - solution.iterations) > 0:
-        steps = left if np.isinf(to_beat) else min(left, _TRIAL_STEPS)
-        further = solve_bundle(bundle, solution.state, max_iterations=steps, backend=backend, in_valley=True)
-        won = solution.cost - further.cost
-        solution = replace(further, iterations=solution.iterations + further.iterations)
-        if not _is_plausible(solution, image_size) or solution.cost - won * (left - steps) / steps > to_beat:
-            break
-    return solution
-
-
-def _different(solutions: list[BundleSolution]) -> list[BundleSolution]:
-    """The solutions without those that have come to the same place as another: of the same F and the same camera."""
-    kept: list[BundleSolution] = []
-    for s in solutions:
-        K = s.state.intrinsics[0][:4]
-        if not any(
-            s.cost <= k.cost * (1 + _SAME) and np.allclose(K, k.state.intrinsics[0][:4], rtol=_SAME_CAMERA)
-            for k in kept
-        ):
-            kept.append(s)
-    return kept
 
 
 def _held_where_stuck(
@@ -333,7 +271,7 @@ def _with_poles_sought(
     for _ in range(_POLE_ROUNDS):
         starts = pole_starts(bundle, state, _POLE_STARTS)
         found += [solve_bundle(bundle, start, max_iterations=steps, backend=backend) for start in starts]
-        optima = [solution for solution in found if _is_optimum(bundle, solution, image_size)]
+        optima = [solution for solution in found if is_optimum(bundle, solution, image_size)]
         best = min(optima, key=lambda solution: solution.cost, default=None)
         if best is None or best.cost >= lowest:
             break
@@ -348,57 +286,5 @@ def _has_poles_adrift(
     free = {name for name, row in zip(intrinsic_names(lens), bundle.G, strict=True) if row.any()}
     if not free.issuperset(RADIAL):
         return False
-    optima = [solution for solution in tried if _is_optimum(bundle, solution, image_size)]
-    return not optima or _has_kink(bundle, min(optima, key=lambda solution: solution.cost))
-
-
-def _has_kink(bundle: Bundle, solution: BundleSolution) -> bool:
-    """Whether a pole of a rational lens is next to the corners (``lens_doubts``)."""
-    if "k6" not in bundle.models[0].parameter_names:
-        return False
-    s_max = float(squared_radii(bundle, solution.state, 0).max())
-    return kink_radius(solution.state.intrinsics[0][5:], s_max) is not None
-
-
-def _is_plausible(solution: BundleSolution, image_size: tuple[int, int]) -> bool:
-    fx, fy, cx, cy = solution.state.intrinsics[0][:4]
-    return plausible(fx, fy, cx, cy, image_size)
-
-
-def _is_optimum(bundle: Bundle, solution: BundleSolution, image_size: tuple[int, int]) -> bool:
-    """Whether a solution has arrived, is a plausible camera, and its focal length is determined."""
-    if not solution.converged or not _is_plausible(solution, image_size):
-        return False
-    freedom = 2 * len(bundle.points) - bundle.G.shape[1] - 6 * bundle.view_count
-    if freedom <= 0 or not bundle.G.shape[1]:
-        return True
-    half = half_of_inverse(solution.equations)
-    if half is None:
-        return False
-    row = bundle.G[1] @ half
-    return math.sqrt(float(row @ row) * solution.cost / freedom) < UNDETERMINED * solution.state.intrinsics[0][1]
-
-
-def _has_outlying_view(bundle: Bundle, solution: BundleSolution) -> bool:
-    """Whether a view fits much worse than the others do, as one whose board is tilted the wrong way."""
-    d = solution.equations.residuals
-    squares = np.add.reduceat(d[:, 0] ** 2 + d[:, 1] ** 2, bundle.offsets[:-1]) / np.diff(bundle.offsets)
-    middle = len(squares) // 2
-    return bool(squares.max() > _OUTLYING**2 * np.partition(squares, middle)[middle])
-
-
-def _beyond_doubt(bundle: Bundle, solution: BundleSolution, image_size: tuple[int, int]) -> bool:
-    """Whether an optimum was found quickly, is a plausible camera, and has a centre that the data determine."""
-    fx, fy, cx, cy = solution.state.intrinsics[0][:4]
-    if not solution.converged or solution.iterations > _MANY_STEPS or not plausible(fx, fy, cx, cy, image_size):
-        return False
-    if _has_kink(bundle, solution):
-        return False
-    freedom = 2 * len(bundle.points) - bundle.G.shape[1] - 6 * bundle.view_count
-    if freedom <= 0 or not bundle.G.shape[1]:
-        return True
-    half = half_of_inverse(solution.equations)
-    if half is None:
-        return False  # something is not determined at all: another start may do better
-    variance = max(float(row @ row) for row in bundle.G[2:4] @ half) * solution.cost / freedom
-    return math.sqrt(variance) < _UNSURE * max(image_size)
+    optima = [solution for solution in tried if is_optimum(bundle, solution, image_size)]
+    return not optima or has_kink(bundle, min(optima, key=lambda solution: solution.cost))

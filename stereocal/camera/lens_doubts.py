@@ -136,6 +136,31 @@ def squared_radii(bundle: Bundle, state: BundleState, camera: int) -> Float:
     return np.asarray((X_c[:, 0] ** 2 + X_c[:, 1] ** 2) / X_c[:, 2] ** 2)
 
 
+def drawn_scale(bundle: Bundle, state: BundleState, camera: int) -> float:
+    """Return the scale at which a lens draws the corners, times the focal length in pixels a radian; the median.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        The measurements.
+    state : BundleState
+        Where.
+    camera : int
+        Which camera.
+
+    Returns
+    -------
+    float
+        √|det ∂x_d/∂x| (1 + r²)^¾: an angle's square is drawn on the normalised plane (1 + r²)^(3/2) times as large, so
+        that turning the camera, and its principal point with it, changes nothing. NaN where the lens has no answer.
+    """
+    X_c = points_in_camera(bundle, state, camera)
+    x = X_c[:, :2] / X_c[:, 2:]
+    J = bundle.models[camera].jacobians_compiled(x, state.intrinsics[camera][5:])[1]
+    of_area = J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] * J[:, 1, 0]
+    return float(np.median(np.sqrt(np.abs(of_area)) * (1 + np.sum(x * x, axis=1)) ** 0.75))
+
+
 def _not_apart(covariance: Float, std: Float, names: Sequence[str]) -> str:
     """In words: coefficients of which one follows another; empty where none does."""
     scale = np.where(std > 0, std, np.inf)
