@@ -61,7 +61,7 @@ from stereocal.camera.bundle import Bundle, BundleState, NormalEquations
 from stereocal.camera.bundle_solver import schur_complement, solve_bundle
 from stereocal.camera.covariance import BundleCovariance
 from stereocal.camera.distortion import distortion_model
-from stereocal.camera.lens_doubts import UNDETERMINED, drawn_scale, squared_radii
+from stereocal.camera.lens_doubts import MANY_COEFFICIENTS, UNDETERMINED, drawn_scale, squared_radii
 from stereocal.camera.parameters import intrinsic_names
 
 ADVICE = "photograph the board tilted by 30 to 45 degrees, to a different side each time"
@@ -133,15 +133,16 @@ def _refuse(
     bundle: Bundle, state: BundleState, equations: NormalEquations, joint: BundleCovariance, widths: list[int],
     names: Sequence[str],
 ) -> None:  # fmt: skip
-    for camera, name in enumerate(names):
-        _refuse_at_the_edge(bundle, state, camera, f" of the {name} camera" if name else "")
     doubts = [_doubt(bundle, equations, joint, camera) for camera in range(len(names))]
     if _left_open_by_parallel_boards(bundle, state, joint, widths):
-        _refuse_parallel(bundle, state, equations, joint, widths[0])
+        drawn = drawn_scale(bundle, state, 0)
+        ran_away = np.isfinite(drawn) and not _draws_at_its_focal_length(bundle, state, 0)
+        _refuse_parallel(bundle, state, equations, joint, widths[0] / (drawn if ran_away else 1.0))
         unsure = [doubt > _UNSURE * theta[1] for doubt, theta in zip(doubts, state.intrinsics, strict=True)]
         if any(unsure) and (elsewhere := _at_plausible_focal_length(bundle, state, widths[0])) is not None:
             _refuse_parallel(bundle, *elsewhere, joint, widths[0])
     for camera, (doubt, name) in enumerate(zip(doubts, names, strict=True)):
+        _refuse_at_the_edge(bundle, state, camera, f" of the {name} camera" if name else "")
         fy = float(state.intrinsics[camera][1])
         is_free = np.any(bundle.G[bundle.intrinsic_slices[camera]][:2]) and joint.degrees_of_freedom > 0
         if is_free and not (doubt < UNDETERMINED * fy and fy < _LONGEST * widths[camera]):
@@ -199,17 +200,17 @@ def _refuse_open_focal_length(
 
 
 def _refuse_at_the_edge(bundle: Bundle, state: BundleState, camera: int, of_camera: str) -> None:
-    s = squared_radii(bundle, state, camera)
-    rows, _ = bundle.rows_of_camera(camera)
-    if not s.max() > _EDGE**2 or not bundle.G[bundle.intrinsic_slices[camera]][2:4].any():
+    s, model = squared_radii(bundle, state, camera), bundle.models[camera]
+    centre_is_free = bool(bundle.G[bundle.intrinsic_slices[camera]][2:4].any())
+    if not (s.max() > _EDGE**2 and centre_is_free and model.parameter_count >= MANY_COEFFICIENTS):
         return
-    at = int(np.searchsorted(bundle.offsets, rows.start + int(np.argmax(s)), side="right")) - 1
+    at = bundle.rows_of_camera(camera)[0].start + int(np.argmax(s))
+    view = bundle.view_of_block[np.searchsorted(bundle.offsets, at, side="right") - 1]
     cx, cy = state.intrinsics[camera][2:4]
-    model = bundle.models[camera]
     raise DegenerateGeometryError(
         f"{_views(state)} do not determine the principal point{of_camera} along with the {model.parameter_count} "
         f"coefficients of model {model.name!r}: it ran to ({cx:.0f}, {cy:.0f}), until a corner of view "
-        f"{bundle.view_of_block[at]} is 90 degrees off the axis, where the model ends; hold it by "
+        f"{view} is 90 degrees off the axis, where the model ends; hold it by "
         "fix='principal_point', or choose a model with fewer coefficients, such as 'brown'"
     )
 
@@ -234,7 +235,7 @@ def _left_open_by_parallel_boards(
 
 
 def _refuse_parallel(
-    bundle: Bundle, state: BundleState, equations: NormalEquations, joint: BundleCovariance, width: int
+    bundle: Bundle, state: BundleState, equations: NormalEquations, joint: BundleCovariance, width: float
 ) -> None:
     count = len(state.R_views)
     if count < 2:
@@ -243,8 +244,7 @@ def _refuse_parallel(
         )
     n = state.R_views[:, :, 2]
     slopes = n[:, :2] / n[:, 2:]
-    drawn = 1.0 if _draws_at_its_focal_length(bundle, state, 0) else drawn_scale(bundle, state, 0)
-    scale = width / max(abs(float(state.intrinsics[0][0])) * (drawn if np.isfinite(drawn) else 1.0), 1e-300)
+    scale = width / max(abs(float(state.intrinsics[0][0])), 1e-300)
     spread = float(np.max(np.ptp(slopes, axis=0))) * min(scale, 1.0)
     if spread > _CLEARLY_TILTED:
         return

@@ -34,7 +34,7 @@ from stereocal.camera.bundle import Bundle, BundleState
 from stereocal.camera.parameters import intrinsic_names
 
 # Models of fewer coefficients have neither denominators nor valleys worth the time.
-_MANY_COEFFICIENTS = 6
+MANY_COEFFICIENTS = 6
 _NOT_APART = 0.999
 _NEAR_POLE = 0.25
 _ADRIFT = 0.02
@@ -78,12 +78,12 @@ def lens_doubts(
             "turns and the lens; more tilt, a larger part of the image, or fix='principal_point' would settle it"
         )
     fy = float(state.intrinsics[camera][1])
-    if std[1] > _ADRIFT * abs(fy) and model.parameter_count >= _MANY_COEFFICIENTS:
+    if std[1] > _ADRIFT * abs(fy) and model.parameter_count >= MANY_COEFFICIENTS:
         found.append(
             f"the focal length is open along with the lens's coefficients (fy = {fy:.4g} ± {std[1]:.2g}), and standard "
             f"deviations mean nothing; these views do not need model {model.name!r}, 'brown' has fewer coefficients"
         )
-    if model.parameter_count >= _MANY_COEFFICIENTS:
+    if model.parameter_count >= MANY_COEFFICIENTS:
         if "k6" in model.parameter_names:
             radius = kink_radius(state.intrinsics[camera][5:], float(squared_radii(bundle, state, camera).max()))
             if radius is not None:

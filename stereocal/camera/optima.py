@@ -1,8 +1,9 @@
 """Which of several solutions is the camera: what an optimum is, when it is beyond doubt, and how others get there.
 
-F need not have a lowest minimum. A lens of many coefficients lets it fall, by a thousandth, for as long as they grow:
-c and q of c/q leave their 1 behind, or a pole and a zero close in on one corner. What such a way has come to after any
-number of steps is a low F and no optimum. So the lowest F wins only among solutions that are optima:
+The lowest F wins. But F need not have a lowest minimum. A rational lens lets it fall, by a thousandth, for as long as
+its coefficients grow: c and q of c/q leave their 1 behind, or a pole and a zero close in on one corner. What such a way
+has come to after any number of steps is a low F and no optimum. So of rational lenses the lowest F wins only among
+solutions that are optima:
 
 - a test of the iteration ended it (``bundle_solver``);
 - the camera is plausible (``camera_starts``);
@@ -10,9 +11,9 @@ number of steps is a low F and no optimum. So the lowest F wins only among solut
 
 Where none is, the lowest F is all there is to return; ``degeneracy`` then says what is missing.
 
-Solutions near to the lowest that were still under way go on, along their valleys (``bundle_geodesic``). With an optimum
-at hand, they do so only as long as they could still come below it: a camera that is no longer plausible ran away, and
-one that would not get there with all its steps at the pace of the last ones will not.
+Solutions near to the lowest that were still under way go on, along their valleys (``bundle_geodesic``). With one at
+hand that has arrived, they do so only as long as they could still come below it: a rational lens of a camera that is no
+longer plausible ran away, and what would not get there with all its steps at the pace of the last ones will not.
 
 An optimum is beyond doubt if it was found in few steps, with a principal point that the views determine, and, of a
 rational lens, without a kink (``lens_doubts``).
@@ -167,7 +168,8 @@ def polished(
         The lowest F where none is an optimum; None where no F is finite.
     """
     tried = sorted((s for s in tried if np.isfinite(s.cost)), key=lambda solution: solution.cost)
-    optima = [is_optimum(bundle, solution, image_size) for solution in tried]
+    rational = "k6" in bundle.models[0].parameter_names
+    optima = [rational and is_optimum(bundle, solution, image_size) for solution in tried]
     limit = min((s.cost for s, optimum in zip(tried, optima, strict=True) if optimum), default=np.inf)
     done = [solution for solution, optimum in zip(tried, optima, strict=True) if optimum][:1]
     under_way = [
@@ -179,7 +181,7 @@ def polished(
         done.append(_arrived(bundle, solution, limit, image_size, max_iterations, backend))
         limit = min(limit, done[-1].cost if done[-1].converged else np.inf)
     done += tried[:1]
-    return min(done, key=lambda s: (not is_optimum(bundle, s, image_size), s.cost), default=None)
+    return min(done, key=lambda s: (rational and not is_optimum(bundle, s, image_size), s.cost), default=None)
 
 
 def _is_plausible(solution: BundleSolution, image_size: tuple[int, int]) -> bool:
@@ -197,7 +199,8 @@ def _arrived(
         further = solve_bundle(bundle, solution.state, max_iterations=steps, backend=backend, in_valley=True)
         won = solution.cost - further.cost
         solution = replace(further, iterations=solution.iterations + further.iterations)
-        if not _is_plausible(solution, image_size) or solution.cost - won * (left - steps) / steps > to_beat:
+        ran_away = "k6" in bundle.models[0].parameter_names and not _is_plausible(solution, image_size)
+        if ran_away or solution.cost - won * (left - steps) / steps > to_beat:
             break
     return solution
 
