@@ -27,6 +27,9 @@ known (skew, to begin with) settles one. So one camera of four unknowns leaves t
 is known of a second camera settles something new only if it is turned against the first, by 20° or more here; how well
 three or more of those do together, the covariance tells.
 
+A lens may also run away from its camera: coefficients that grow without end draw at a scale of their own, and fy
+follows no measurement. The boards are then judged by the scale that is drawn.
+
 **Is the focal length sure to within a half?** Otherwise it is refused too. If the boards are well tilted and it would
 be sure with the lens's coefficients held, tilts are not what is missing: the model has coefficients that these views
 cannot tell apart (a rational model on a mild lens: numerator and denominator grow together without end), and a simpler
@@ -61,7 +64,13 @@ from stereocal.camera.bundle import Bundle, BundleState, NormalEquations
 from stereocal.camera.bundle_solver import schur_complement, solve_bundle
 from stereocal.camera.covariance import BundleCovariance
 from stereocal.camera.distortion import distortion_model
-from stereocal.camera.lens_doubts import MANY_COEFFICIENTS, UNDETERMINED, drawn_scale, squared_radii
+from stereocal.camera.lens_doubts import (
+    MANY_COEFFICIENTS,
+    UNDETERMINED,
+    drawn_scale,
+    draws_at_its_focal_length,
+    squared_radii,
+)
 from stereocal.camera.parameters import intrinsic_names
 
 ADVICE = "photograph the board tilted by 30 to 45 degrees, to a different side each time"
@@ -75,8 +84,6 @@ _CLEARLY_TILTED = 0.35
 _PARALLEL = np.radians(1.0)
 # Tilts against each other that suffice for a focal length.
 _ENOUGH = np.radians(20.0)
-# The scale at which a lens draws its corners may differ from that of its centre by this factor.
-_LIKE_ITSELF = 2.0
 # A focal length of more widths than this is that of no camera: it ran away.
 _LONGEST = 100.0
 # Relative standard deviation of the focal length from which on parallel boards are looked for at another one.
@@ -136,10 +143,11 @@ def _refuse(
     doubts = [_doubt(bundle, equations, joint, camera) for camera in range(len(names))]
     if _left_open_by_parallel_boards(bundle, state, joint, widths):
         drawn = drawn_scale(bundle, state, 0)
-        ran_away = np.isfinite(drawn) and not _draws_at_its_focal_length(bundle, state, 0)
+        ran_away = np.isfinite(drawn) and not draws_at_its_focal_length(bundle, state, 0)
         _refuse_parallel(bundle, state, equations, joint, widths[0] / (drawn if ran_away else 1.0))
         unsure = [doubt > _UNSURE * theta[1] for doubt, theta in zip(doubts, state.intrinsics, strict=True)]
-        if any(unsure) and (elsewhere := _at_plausible_focal_length(bundle, state, widths[0])) is not None:
+        elsewhere = _at_plausible_focal_length(bundle, state, widths[0]) if any(unsure) and not ran_away else None
+        if elsewhere is not None:
             _refuse_parallel(bundle, *elsewhere, joint, widths[0])
     for camera, (doubt, name) in enumerate(zip(doubts, names, strict=True)):
         _refuse_at_the_edge(bundle, state, camera, f" of the {name} camera" if name else "")
@@ -185,7 +193,7 @@ def _refuse_open_focal_length(
     fy, doubt = float(state.intrinsics[camera][1]), _doubt(bundle, equations, joint, camera)
     model = bundle.models[camera]
     if _widest_tilt(state) > _ENOUGH and _doubt(bundle, equations, joint, camera, lens_held=True) < 0.05 * fy:
-        if _draws_at_its_focal_length(bundle, state, camera):
+        if draws_at_its_focal_length(bundle, state, camera):
             return  # coefficients alone are open, which ``lens_doubts`` says
         raise DegenerateGeometryError(
             f"{_views(state)} do not determine the {model.parameter_count} coefficients of model {model.name!r}"
@@ -351,15 +359,6 @@ def _doubt(
     except np.linalg.LinAlgError:
         return np.inf
     return float(np.sqrt(of_fy)) if of_fy > 0 else np.inf
-
-
-def _draws_at_its_focal_length(bundle: Bundle, state: BundleState, camera: int) -> bool:
-    """Whether a lens draws the corners at about the scale that K says: 1 at the centre, ``drawn_scale`` where they are.
-
-    Coefficients that grow without end leave the 1 in numerator and denominator behind: the scale is then 1 at a centre
-    that nothing shows, another everywhere else, and fy follows no measurement.
-    """
-    return bool(1 / _LIKE_ITSELF < drawn_scale(bundle, state, camera) < _LIKE_ITSELF)
 
 
 def _views(state: BundleState) -> str:

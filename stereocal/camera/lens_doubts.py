@@ -38,6 +38,8 @@ MANY_COEFFICIENTS = 6
 _NOT_APART = 0.999
 _NEAR_POLE = 0.25
 _ADRIFT = 0.02
+# The scale at which a lens draws its corners may differ from that of its centre by this factor.
+_LIKE_ITSELF = 2.0
 # Relative standard deviation of the focal length beyond which the views do not determine it.
 UNDETERMINED = 0.5
 
@@ -134,6 +136,28 @@ def squared_radii(bundle: Bundle, state: BundleState, camera: int) -> Float:
     """Return r² of a camera's corners on the normalised plane, (m,)."""
     X_c = points_in_camera(bundle, state, camera)
     return np.asarray((X_c[:, 0] ** 2 + X_c[:, 1] ** 2) / X_c[:, 2] ** 2)
+
+
+def draws_at_its_focal_length(bundle: Bundle, state: BundleState, camera: int) -> bool:
+    """Whether a lens draws the corners at about the scale that K says: 1 at the centre, ``drawn_scale`` where they are.
+
+    Coefficients that grow without end leave the 1 in numerator and denominator behind: the scale is then 1 at a centre
+    that nothing shows, another everywhere else, and fy follows no measurement.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        The measurements.
+    state : BundleState
+        Where.
+    camera : int
+        Which camera.
+
+    Returns
+    -------
+    bool
+    """
+    return bool(1 / _LIKE_ITSELF < drawn_scale(bundle, state, camera) < _LIKE_ITSELF)
 
 
 def drawn_scale(bundle: Bundle, state: BundleState, camera: int) -> float:
