@@ -21,7 +21,9 @@
 ``camera_starts``                   candidates for the camera matrix
 ``pose_reversal``                   Necker's reversal: boards tilted the other way
 ``initialisation``                  where the iteration starts
+``optima``                          what an optimum is, and which of several wins
 ``lens_starts``                     where a lens starts
+``pole_search``                     where the poles of a rational lens may lie
 ``lens_doubts``                     what a fit leaves open: coefficients that trade, kinks, a centre adrift
 ``bundle``                          bundle adjustment: residuals, derivatives, block normal equations
 ``bundle_compiled``                 its arrays, laid out for kernels
@@ -29,6 +31,8 @@
 ``tile_products``                   sixteen sums of products at once, for them
 ``bundle_solver``                   Levenberg–Marquardt on the blocks
 ``bundle_step_kernels``             its steps, compiled
+``bundle_sums``                     normal equations for lenses without columns in the kernels
+``bundle_sums_kernels``             their sums, compiled
 ``bundle_geodesic``                 steps that bend along a valley
 ``bundle_shaped``                   the engine for a board of unknown shape, by small blocks
 ``bundle_shaped_kernels``           its equations and steps, compiled

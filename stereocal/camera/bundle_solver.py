@@ -17,7 +17,8 @@ Where residuals are large, μ may settle above that. If F then ceases to fall by
 once more with a small μ.
 
 The loop is written once. What it drives is an engine: :class:`NumpyEngine`, the equations of ``bundle`` as they
-stand, for every lens and option; or ``bundle_compiled.CompiledEngine``, their twin in kernels.
+stand, for every lens and option, or with sums from a kernel (``bundle_sums``); or ``bundle_compiled.CompiledEngine``,
+their twin in kernels.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from stereocal.base.checks import Float, require_choice
 from stereocal.camera.bundle import Bundle, BundleState, NormalEquations, normal_equations
 from stereocal.camera.bundle_compiled import CompiledEngine, has_kernel
 from stereocal.camera.bundle_shaped import ShapedEngine, has_sparse_shape
+from stereocal.camera.bundle_sums import EquationsFromSums, has_sums
 
 _GRADIENT_TOLERANCE = 1e-10
 _COST_TOLERANCE = 1e-14
@@ -141,14 +143,17 @@ def solve_bundle(
     require_choice(backend, ("numba", "numpy"), "backend")
     compiled = backend == "numba" and has_kernel(bundle)
     engine: BundleEngine
+    evaluate: Callable[[Bundle, BundleState], NormalEquations] = _compiled_equations if compiled else normal_equations
+    if backend == "numba" and not compiled and has_sums(bundle):
+        evaluate = EquationsFromSums()
     if in_valley and bundle.loss == "linear":
         from stereocal.camera.bundle_geodesic import GeodesicEngine
 
-        engine = GeodesicEngine(bundle, state, _compiled_equations if compiled else normal_equations)
+        engine = GeodesicEngine(bundle, state, evaluate)
     elif backend == "numba" and has_sparse_shape(bundle):
         engine = ShapedEngine(bundle, state)
     else:
-        engine = CompiledEngine(bundle, state) if compiled else NumpyEngine(bundle, state)
+        engine = CompiledEngine(bundle, state) if compiled else NumpyEngine(bundle, state, evaluate)
     mu, nu = initial_damping, 2.0
     iterations, reason, asked = 0, "", False
     last = (1e-300, np.inf)  # what the last two steps promised

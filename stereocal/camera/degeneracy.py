@@ -27,12 +27,18 @@ known (skew, to begin with) settles one. So one camera of four unknowns leaves t
 is known of a second camera settles something new only if it is turned against the first, by 20° or more here; how well
 three or more of those do together, the covariance tells.
 
+A lens may also run away from its camera: coefficients that grow without end draw at a scale of their own, and fy
+follows no measurement. The boards are then judged by the scale that is drawn.
+
 **Is the focal length sure to within a half?** Otherwise it is refused too. If the boards are well tilted and it would
 be sure with the lens's coefficients held, tilts are not what is missing: the model has coefficients that these views
 cannot tell apart (a rational model on a mild lens: numerator and denominator grow together without end), and a simpler
 model is the answer. As long as the lens draws its corners at about the scale of its focal length, though, it is the
 coefficients alone that are open, and the camera is good for every pixel: it is returned, with a warning
 (``lens_doubts``).
+
+**Has the principal point left?** With coefficients that can do the work of a turn of the camera, it may run until the
+first corner is 90° off the axis, where the normalised plane ends and with it the model. That is no optimum either.
 
 **Or is it the lens?** A model that cannot draw the lens at all (a pinhole, for a wide angle) leaves residuals so large
 that tilts vanish among them. Before one camera of fewer coefficients than Brown's is refused, Brown's is fitted; where
@@ -58,13 +64,17 @@ from stereocal.camera.bundle import Bundle, BundleState, NormalEquations
 from stereocal.camera.bundle_solver import schur_complement, solve_bundle
 from stereocal.camera.covariance import BundleCovariance
 from stereocal.camera.distortion import distortion_model
-from stereocal.camera.lens_doubts import squared_radii
+from stereocal.camera.lens_doubts import (
+    MANY_COEFFICIENTS,
+    UNDETERMINED,
+    drawn_scale,
+    draws_at_its_focal_length,
+    squared_radii,
+)
 from stereocal.camera.parameters import intrinsic_names
 
 ADVICE = "photograph the board tilted by 30 to 45 degrees, to a different side each time"
 
-# Relative standard deviation of the focal length beyond which the views do not determine it.
-_UNDETERMINED = 0.5
 _LEAST_NOISE = 0.01
 # How often parallel boards are taken for tilted ones.
 _SIGNIFICANCE = 1e-3
@@ -74,8 +84,6 @@ _CLEARLY_TILTED = 0.35
 _PARALLEL = np.radians(1.0)
 # Tilts against each other that suffice for a focal length.
 _ENOUGH = np.radians(20.0)
-# The scale at which a lens draws its corners may differ from that of its centre by this factor.
-_LIKE_ITSELF = 2.0
 # A focal length of more widths than this is that of no camera: it ran away.
 _LONGEST = 100.0
 # Relative standard deviation of the focal length from which on parallel boards are looked for at another one.
@@ -83,6 +91,8 @@ _UNSURE = 0.1
 _STEPS_ELSEWHERE = 100
 # A lens that leaves this part of the RMS is the better one.
 _FAR_BETTER = 3.0
+# Corners at more than this r on the normalised plane are at its edge: within 0.06 degrees of 90.
+_EDGE = 1e3
 # Cameras turned against each other by less than this see parallel boards alike.
 _TURNED = np.radians(20.0)
 
@@ -132,14 +142,18 @@ def _refuse(
 ) -> None:  # fmt: skip
     doubts = [_doubt(bundle, equations, joint, camera) for camera in range(len(names))]
     if _left_open_by_parallel_boards(bundle, state, joint, widths):
-        _refuse_parallel(bundle, state, equations, joint, widths[0])
+        drawn = drawn_scale(bundle, state, 0)
+        ran_away = np.isfinite(drawn) and not draws_at_its_focal_length(bundle, state, 0)
+        _refuse_parallel(bundle, state, equations, joint, widths[0] / (drawn if ran_away else 1.0))
         unsure = [doubt > _UNSURE * theta[1] for doubt, theta in zip(doubts, state.intrinsics, strict=True)]
-        if any(unsure) and (elsewhere := _at_plausible_focal_length(bundle, state, widths[0])) is not None:
+        elsewhere = _at_plausible_focal_length(bundle, state, widths[0]) if any(unsure) and not ran_away else None
+        if elsewhere is not None:
             _refuse_parallel(bundle, *elsewhere, joint, widths[0])
     for camera, (doubt, name) in enumerate(zip(doubts, names, strict=True)):
+        _refuse_at_the_edge(bundle, state, camera, f" of the {name} camera" if name else "")
         fy = float(state.intrinsics[camera][1])
         is_free = np.any(bundle.G[bundle.intrinsic_slices[camera]][:2]) and joint.degrees_of_freedom > 0
-        if is_free and not (doubt < _UNDETERMINED * fy and fy < _LONGEST * widths[camera]):
+        if is_free and not (doubt < UNDETERMINED * fy and fy < _LONGEST * widths[camera]):
             _refuse_open_focal_length(bundle, state, equations, joint, camera, f" of the {name} camera" if name else "")
 
 
@@ -179,7 +193,7 @@ def _refuse_open_focal_length(
     fy, doubt = float(state.intrinsics[camera][1]), _doubt(bundle, equations, joint, camera)
     model = bundle.models[camera]
     if _widest_tilt(state) > _ENOUGH and _doubt(bundle, equations, joint, camera, lens_held=True) < 0.05 * fy:
-        if _draws_at_its_focal_length(bundle, state, camera):
+        if draws_at_its_focal_length(bundle, state, camera):
             return  # coefficients alone are open, which ``lens_doubts`` says
         raise DegenerateGeometryError(
             f"{_views(state)} do not determine the {model.parameter_count} coefficients of model {model.name!r}"
@@ -193,6 +207,22 @@ def _refuse_open_focal_length(
     )
 
 
+def _refuse_at_the_edge(bundle: Bundle, state: BundleState, camera: int, of_camera: str) -> None:
+    s, model = squared_radii(bundle, state, camera), bundle.models[camera]
+    centre_is_free = bool(bundle.G[bundle.intrinsic_slices[camera]][2:4].any())
+    if not (s.max() > _EDGE**2 and centre_is_free and model.parameter_count >= MANY_COEFFICIENTS):
+        return
+    at = bundle.rows_of_camera(camera)[0].start + int(np.argmax(s))
+    view = bundle.view_of_block[np.searchsorted(bundle.offsets, at, side="right") - 1]
+    cx, cy = state.intrinsics[camera][2:4]
+    raise DegenerateGeometryError(
+        f"{_views(state)} do not determine the principal point{of_camera} along with the {model.parameter_count} "
+        f"coefficients of model {model.name!r}: it ran to ({cx:.0f}, {cy:.0f}), until a corner of view "
+        f"{view} is 90 degrees off the axis, where the model ends; hold it by "
+        "fix='principal_point', or choose a model with fewer coefficients, such as 'brown'"
+    )
+
+
 def _left_open_by_parallel_boards(
     bundle: Bundle, state: BundleState, joint: BundleCovariance, widths: Sequence[int]
 ) -> bool:
@@ -201,7 +231,7 @@ def _left_open_by_parallel_boards(
     for part, width, R in zip(bundle.intrinsic_slices, widths, state.R_rig, strict=True):
         rows = np.arange(part.start, part.start + 5)
         if bundle.prior_weights is not None:
-            rows = rows[bundle.prior_weights[rows] * _UNDETERMINED * width <= np.sqrt(joint.variance)]
+            rows = rows[bundle.prior_weights[rows] * UNDETERMINED * width <= np.sqrt(joint.variance)]
         known = 5 - int(np.count_nonzero(bundle.G[rows].any(axis=0)))
         # 2 cos + 1 is the trace of the turn between two cameras
         like = [i for i, (other, _) in enumerate(turned) if np.sum(R * other) > 2 * np.cos(_TURNED) + 1]
@@ -213,7 +243,7 @@ def _left_open_by_parallel_boards(
 
 
 def _refuse_parallel(
-    bundle: Bundle, state: BundleState, equations: NormalEquations, joint: BundleCovariance, width: int
+    bundle: Bundle, state: BundleState, equations: NormalEquations, joint: BundleCovariance, width: float
 ) -> None:
     count = len(state.R_views)
     if count < 2:
@@ -335,20 +365,6 @@ def _doubt(
     except np.linalg.LinAlgError:
         return np.inf
     return float(np.sqrt(of_fy)) if of_fy > 0 else np.inf
-
-
-def _draws_at_its_focal_length(bundle: Bundle, state: BundleState, camera: int) -> bool:
-    """Whether a rational lens draws the corners at about the scale that fy says: 1 at the centre, f(s) where they are.
-
-    Coefficients that grow without end leave the 1 in numerator and denominator behind: f is then 1 at a centre that
-    nothing shows, another number everywhere else, and fy follows no measurement.
-    """
-    if "k6" not in bundle.models[camera].parameter_names:
-        return False
-    s = float(np.median(squared_radii(bundle, state, camera)))
-    k = state.intrinsics[camera][5:]
-    f = (1 + s * (k[0] + s * (k[1] + s * k[4]))) / (1 + s * (k[5] + s * (k[6] + s * k[7])))
-    return bool(1 / _LIKE_ITSELF < f < _LIKE_ITSELF)
 
 
 def _views(state: BundleState) -> str:

@@ -89,6 +89,10 @@ class DistortionModel(ABC):
     def jacobians(self, x: Float, k: Float) -> tuple[Float, Float, Float]:
         """Return x_d (N, 2), ∂x_d/∂x (N, 2, 2) and ∂x_d/∂k (N, 2, n)."""
 
+    def jacobians_compiled(self, x: Float, k: Float) -> tuple[Float, Float, Float]:
+        """Return the same as `jacobians`, from a kernel where the model has one."""
+        return self.jacobians(x, k)
+
 
 class ForwardModel(DistortionModel):
     """A model that gives x_d explicitly; the inverse is found by damped Newton iteration inside its domain."""

@@ -266,3 +266,28 @@ def map_inside_kernel(x, k, y):
             y[i, 0], y[i, 1], _, _, _, _ = lens(u, v, k)
         else:
             y[i, 0] = y[i, 1] = np.nan
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def rational_function_jacobians_kernel(x_d, k, D, D_k):
+    """Write ∂x_d/∂x = G⁻¹ (N, 2, 2) and ∂x_d/∂W = −G⁻¹ ∂x_u/∂W (N, 2, 18) at distorted points (N, 2)."""
+    chi, by_x, by_y, h = np.empty(6), np.empty(3), np.empty(3), np.empty(3)
+    for i in range(len(x_d)):
+        x, y = x_d[i]
+        chi[0], chi[1], chi[2], chi[3], chi[4], chi[5] = x * x, x * y, y * y, x, y, 1.0
+        for row in range(3):
+            w = k[6 * row : 6 * row + 6]
+            by_x[row] = 2 * x * w[0] + y * w[1] + w[3]
+            by_y[row] = x * w[1] + 2 * y * w[2] + w[4]
+            h[row] = w[0] * chi[0] + w[1] * chi[1] + w[2] * chi[2] + w[3] * x + w[4] * y + w[5]
+        u, v = h[0] / h[2], h[1] / h[2]
+        # G = [a b; c d] / h₃, so that G⁻¹ = [d −b; −c a] h₃ / det, and ∂x_u/∂W has 1/h₃ too
+        a, b = by_x[0] - u * by_x[2], by_y[0] - u * by_y[2]
+        c, d = by_x[1] - v * by_x[2], by_y[1] - v * by_y[2]
+        scale = 1.0 / (a * d - b * c)
+        D[i, 0, 0], D[i, 0, 1] = h[2] * d * scale, -h[2] * b * scale
+        D[i, 1, 0], D[i, 1, 1] = -h[2] * c * scale, h[2] * a * scale
+        for j in range(6):
+            f = chi[j] * scale
+            D_k[i, 0, j], D_k[i, 0, 6 + j], D_k[i, 0, 12 + j] = -d * f, b * f, (d * u - b * v) * f
+            D_k[i, 1, j], D_k[i, 1, 6 + j], D_k[i, 1, 12 + j] = c * f, -a * f, (a * v - c * u) * f

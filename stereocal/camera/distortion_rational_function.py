@@ -55,6 +55,15 @@ class RationalFunction(BackwardModel):
         map_inside_kernel(np.ascontiguousarray(x_d), k, x_u)
         return x_u
 
+    def jacobians_compiled(self, x: Float, k: Float) -> tuple[Float, Float, Float]:
+        """Return the same as `jacobians`, from a kernel."""
+        from stereocal.camera.distortion_inverse_kernels import rational_function_jacobians_kernel
+
+        x_d = self.distort_compiled(x, k)
+        D, D_k = np.empty((len(x), 2, 2)), np.empty((len(x), 2, 18))
+        rational_function_jacobians_kernel(x_d, k, D, D_k)
+        return x_d, D, D_k
+
     def undistort_jacobians(self, x_d: Float, k: Float) -> tuple[Float, Float, Float]:
         """Return x_u = h₁₂/h₃, and dx_u = (dh₁₂ − x_u dh₃) / h₃ by x_d and by W."""
         x_u, J = self.undistort_slope(x_d, k)

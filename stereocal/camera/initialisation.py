@@ -22,12 +22,14 @@ The lens starts from none or, where that is no good start, as ``lens_starts`` ha
 (rational and beyond) has minima of its own and long flat valleys between them: every start gets a limited number of
 steps, and only the lowest few go on to the end. A parameter that has come to a bound of its model, where it changes
 nothing to first order, is held there and the rest goes on (a field-of-view lens asked to draw a pincushion).
+
+Which of the solutions wins, ``optima`` says. If there is no optimum among those of a rational lens, or the lowest is a
+kink (``lens_doubts``), the poles of the lens are searched for (``pole_search``).
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import chain
 
@@ -37,8 +39,8 @@ from stereocal.base.errors import ConvergenceError, StereocalError
 from stereocal.camera.bundle import Bundle, BundleState, normal_equations
 from stereocal.camera.bundle_compiled import compile_engine_ahead, has_kernel
 from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
-from stereocal.camera.camera_starts import Start, closed_form_starts, focal_search, lens_search, plausible
-from stereocal.camera.covariance import half_of_inverse
+from stereocal.camera.camera_starts import Start, closed_form_starts, focal_search, lens_search
+from stereocal.camera.distortion import distortion_model
 from stereocal.camera.distortion_base import DistortionModel
 from stereocal.camera.lens_starts import (
     SMALLER,
@@ -48,29 +50,29 @@ from stereocal.camera.lens_starts import (
     state_of,
     with_lens,
 )
+from stereocal.camera.optima import beyond_doubt, has_kink, has_outlying_view, is_optimum, polished
+from stereocal.camera.parameters import free_columns, intrinsic_names
+from stereocal.camera.pole_search import RADIAL, pole_starts
 from stereocal.camera.pose_reversal import solve_with_reversals
 from stereocal.camera.seen_boards import SeenBoards, seen_boards
 
 # Models that OpenCV has, whose lens may start from zero; the others start from a fit with k1, k2.
 _DIRECT_START = ("pinhole", "polynomial", "brown", "rational", "thin_prism", "tilted")
-# An optimum found in more steps than this, or with a principal point less sure than this part of the width, is doubted.
-_MANY_STEPS = 20
-_UNSURE = 0.01
 _REVERSALS = 5
 # How far from the middle, as a part of the image, the principal point is put where it is in doubt.
 _AWAY = 0.2
-# Times the median RMS of the views, beyond which a view may be in another minimum than the rest.
-_OUTLYING = 3.0
 # From this number of views on, a part of them, about so many, gives the camera to begin with.
 _MANY_VIEWS, _FEW_VIEWS = 200, 40
 # The starts are good: hardly damped, the first step wins more. Where one is not, the damping grows within a few trials.
 _START_DAMPING = 1e-6
 # At a bound itself the derivative vanishes, and with it the normal equations.
 _NEXT_TO_BOUND = 1e-6
-# Steps of each start, and how near to the lowest (as a part of F) a start must come to go on from there.
-_TRIAL_STEPS = 200
-_NEAR = 2e-3
-_POLISHED = 3
+# Steps of each start, for lenses with and without columns in the kernels.
+_TRIAL_STEPS, _COSTLY_TRIAL_STEPS = 200, 60
+# Starts that differ by less, in all numbers, are one.
+_ONE_PLACE = 1e-3
+# Starts that the search for poles gives, and how often it is made.
+_POLE_STARTS, _POLE_ROUNDS = 16, 3
 
 
 def solve_from_starts(
@@ -111,20 +113,24 @@ def solve_from_starts(
     tried: list[BundleSolution] = []
     best: BundleSolution | None = None
     from_few = _state_from_few(boards, lens, held, image_size, aspect_ratio, backend)
-    states = _starting_states(boards, lens, held, image_size, aspect_ratio, backend)
+    states = _distinct(_starting_states(boards, lens, held, image_size, aspect_ratio, backend))
+    steps = min(max_iterations, _TRIAL_STEPS if has_kernel(bundle) else _COSTLY_TRIAL_STEPS)
     for state in states if from_few is None else chain([from_few], states):
         solution = solve_bundle(
-            bundle, state, max_iterations=min(max_iterations, _TRIAL_STEPS), backend=backend,
-            initial_damping=_START_DAMPING,
+            bundle, state, max_iterations=steps, backend=backend, initial_damping=_START_DAMPING
         )  # fmt: skip
         tried.append(_held_where_stuck(bundle, solution, lens, max_iterations, backend))
-        if _beyond_doubt(bundle, tried[-1], image_size):
+        if beyond_doubt(bundle, tried[-1], image_size):
             best = min(tried, key=lambda solution: solution.cost)
-            if not _has_outlying_view(bundle, best):
+            if not has_outlying_view(bundle, best):
                 return best
             break
+    if best is None and _has_poles_adrift(bundle, tried, lens, image_size):
+        smooth = _without_poles(boards, lens, held, image_size, aspect_ratio, backend)
+        if smooth is not None:
+            tried += _with_poles_sought(bundle, smooth, image_size, steps, backend)
     if best is None:
-        best = _polished(bundle, tried, max_iterations, backend)
+        best = polished(bundle, tried, image_size, max_iterations, backend)
     if best is not None and np.isfinite(best.cost):
         best = solve_with_reversals(bundle, best, backend, rounds=_REVERSALS, steps=max_iterations)
     if best is None or not np.isfinite(best.cost):
@@ -164,20 +170,6 @@ def _state_from_few(
     return BundleState([theta], np.eye(3)[None], np.zeros((1, 3)), *boards.poses(K))
 
 
-def _polished(bundle: Bundle, tried: list[BundleSolution], max_iterations: int, backend: str) -> BundleSolution | None:
-    """The lowest of the solutions tried, after those near to it that had not arrived have gone on."""
-    tried = sorted((s for s in tried if np.isfinite(s.cost)), key=lambda solution: solution.cost)
-    near = [s for s in tried if s.cost <= tried[0].cost * (1 + _NEAR)]
-    done = []
-    for solution in near[:_POLISHED]:
-        left = max_iterations - solution.iterations
-        if solution.reason == "iterations" and left > 0:
-            further = solve_bundle(bundle, solution.state, max_iterations=left, backend=backend, in_valley=True)
-            solution = replace(further, iterations=solution.iterations + further.iterations)
-        done.append(solution)
-    return min(done, key=lambda solution: solution.cost, default=None)
-
-
 def _held_where_stuck(
     bundle: Bundle, solution: BundleSolution, lens: DistortionModel, max_iterations: int, backend: str
 ) -> BundleSolution:
@@ -193,6 +185,20 @@ def _held_where_stuck(
     further = solve_bundle(part, there, max_iterations=max_iterations, backend=backend)
     equations = normal_equations(bundle, further.state)
     return replace(further, equations=equations, iterations=solution.iterations + further.iterations)
+
+
+def _distinct(states: Iterable[BundleState]) -> Iterator[BundleState]:
+    """The states without those that repeat an earlier one: staged fits from different cameras may end in one place."""
+    given: list[BundleState] = []
+    for state in states:
+        theta, R = state.intrinsics[0], state.R_views
+        if not any(
+            np.allclose(theta, other.intrinsics[0], rtol=_ONE_PLACE, atol=_ONE_PLACE)
+            and np.allclose(R, other.R_views, rtol=0, atol=_ONE_PLACE)
+            for other in given
+        ):
+            given.append(state)
+            yield state
 
 
 def _starting_states(
@@ -245,25 +251,48 @@ def _starting_states(
                 yield begin(Start(K, *boards.poses(K), np.nan))
 
 
-def _has_outlying_view(bundle: Bundle, solution: BundleSolution) -> bool:
-    """Whether a view fits much worse than the others do, as one whose board is tilted the wrong way."""
-    d = solution.equations.residuals
-    squares = np.add.reduceat(d[:, 0] ** 2 + d[:, 1] ** 2, bundle.offsets[:-1]) / np.diff(bundle.offsets)
-    middle = len(squares) // 2
-    return bool(squares.max() > _OUTLYING**2 * np.partition(squares, middle)[middle])
+def _without_poles(
+    boards: SeenBoards, lens: DistortionModel, held: set[str], image_size: tuple[int, int],
+    aspect_ratio: float | None, backend: str,
+) -> BundleState | None:  # fmt: skip
+    """A state of a rational lens whose k1, k2 alone are not 0: a fit of Brown's without k3."""
+    brown = distortion_model("brown")
+    names = intrinsic_names(brown)
+    hold = (held & set(names)) | {"k3"}
+    part = replace(boards.bundle, models=[brown], G=free_columns(names, hold, aspect_ratio))
+    try:
+        smooth = solve_from_starts(
+            part, brown, hold, image_size, aspect_ratio=aspect_ratio, max_iterations=_TRIAL_STEPS, backend=backend
+        )
+    except ConvergenceError:
+        return None
+    theta = np.concatenate([smooth.state.intrinsics[0], np.zeros(lens.parameter_count - brown.parameter_count)])
+    return replace(smooth.state, intrinsics=[theta])
 
 
-def _beyond_doubt(bundle: Bundle, solution: BundleSolution, image_size: tuple[int, int]) -> bool:
-    """Whether an optimum was found quickly, is a plausible camera, and has a centre that the data determine."""
-    fx, fy, cx, cy = solution.state.intrinsics[0][:4]
-    if not solution.converged or solution.iterations > _MANY_STEPS or not plausible(fx, fy, cx, cy, image_size):
+def _with_poles_sought(
+    bundle: Bundle, state: BundleState, image_size: tuple[int, int], steps: int, backend: str
+) -> list[BundleSolution]:
+    """Solutions from what ``pole_search`` gives at a state, and then at the lowest optimum, while that falls."""
+    found: list[BundleSolution] = []
+    lowest = np.inf
+    for _ in range(_POLE_ROUNDS):
+        starts = pole_starts(bundle, state, _POLE_STARTS)
+        found += [solve_bundle(bundle, start, max_iterations=steps, backend=backend) for start in starts]
+        optima = [solution for solution in found if is_optimum(bundle, solution, image_size)]
+        best = min(optima, key=lambda solution: solution.cost, default=None)
+        if best is None or best.cost >= lowest:
+            break
+        lowest, state = best.cost, best.state
+    return found
+
+
+def _has_poles_adrift(
+    bundle: Bundle, tried: list[BundleSolution], lens: DistortionModel, image_size: tuple[int, int]
+) -> bool:
+    """Whether the lens has poles that are free, and no optimum was found, or the lowest of them is a kink."""
+    free = {name for name, row in zip(intrinsic_names(lens), bundle.G, strict=True) if row.any()}
+    if not free.issuperset(RADIAL):
         return False
-    freedom = 2 * len(bundle.points) - bundle.G.shape[1] - 6 * bundle.view_count
-    if freedom <= 0 or not bundle.G.shape[1]:
-        return True
-    half = half_of_inverse(solution.equations)
-    if half is None:
-        return False  # something is not determined at all: another start may do better
-    rows = bundle.G[2:4] @ half
-    variance = float((rows * rows).sum(axis=1).max()) * solution.cost / freedom
-    return math.sqrt(variance) < _UNSURE * max(image_size)
+    optima = [solution for solution in tried if is_optimum(bundle, solution, image_size)]
+    return not optima or has_kink(bundle, min(optima, key=lambda solution: solution.cost))

@@ -34,10 +34,14 @@ from stereocal.camera.bundle import Bundle, BundleState
 from stereocal.camera.parameters import intrinsic_names
 
 # Models of fewer coefficients have neither denominators nor valleys worth the time.
-_MANY_COEFFICIENTS = 6
+MANY_COEFFICIENTS = 6
 _NOT_APART = 0.999
 _NEAR_POLE = 0.25
 _ADRIFT = 0.02
+# The scale at which a lens draws its corners may differ from that of its centre by this factor.
+_LIKE_ITSELF = 2.0
+# Relative standard deviation of the focal length beyond which the views do not determine it.
+UNDETERMINED = 0.5
 
 
 def lens_doubts(
@@ -76,12 +80,12 @@ def lens_doubts(
             "turns and the lens; more tilt, a larger part of the image, or fix='principal_point' would settle it"
         )
     fy = float(state.intrinsics[camera][1])
-    if std[1] > _ADRIFT * abs(fy) and model.parameter_count >= _MANY_COEFFICIENTS:
+    if std[1] > _ADRIFT * abs(fy) and model.parameter_count >= MANY_COEFFICIENTS:
         found.append(
             f"the focal length is open along with the lens's coefficients (fy = {fy:.4g} ± {std[1]:.2g}), and standard "
             f"deviations mean nothing; these views do not need model {model.name!r}, 'brown' has fewer coefficients"
         )
-    if model.parameter_count >= _MANY_COEFFICIENTS:
+    if model.parameter_count >= MANY_COEFFICIENTS:
         if "k6" in model.parameter_names:
             radius = kink_radius(state.intrinsics[camera][5:], float(squared_radii(bundle, state, camera).max()))
             if radius is not None:
@@ -120,13 +124,65 @@ def kink_radius(k: Float, s_max: float) -> float | None:
     return float(np.sqrt(nearest[i])) if distance[i] < _NEAR_POLE * s_max else None
 
 
-def squared_radii(bundle: Bundle, state: BundleState, camera: int) -> Float:
-    """Return r² of a camera's corners on the normalised plane, (m,)."""
+def points_in_camera(bundle: Bundle, state: BundleState, camera: int) -> Float:
+    """Return a camera's corners in its own coordinates, (m, 3)."""
     rows, blocks = bundle.rows_of_camera(camera)
     view = np.repeat(bundle.view_of_block[blocks], np.diff(bundle.offsets)[blocks])
     X_0 = np.einsum("nij,nj->ni", state.R_views[view], bundle.points[rows]) + state.t_views[view]
-    X_c = X_0 @ state.R_rig[camera].T + state.t_rig[camera]
+    return np.asarray(X_0 @ state.R_rig[camera].T + state.t_rig[camera])
+
+
+def squared_radii(bundle: Bundle, state: BundleState, camera: int) -> Float:
+    """Return r² of a camera's corners on the normalised plane, (m,)."""
+    X_c = points_in_camera(bundle, state, camera)
     return np.asarray((X_c[:, 0] ** 2 + X_c[:, 1] ** 2) / X_c[:, 2] ** 2)
+
+
+def draws_at_its_focal_length(bundle: Bundle, state: BundleState, camera: int) -> bool:
+    """Whether a lens draws the corners at about the scale that K says: 1 at the centre, ``drawn_scale`` where they are.
+
+    Coefficients that grow without end leave the 1 in numerator and denominator behind: the scale is then 1 at a centre
+    that nothing shows, another everywhere else, and fy follows no measurement.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        The measurements.
+    state : BundleState
+        Where.
+    camera : int
+        Which camera.
+
+    Returns
+    -------
+    bool
+    """
+    return bool(1 / _LIKE_ITSELF < drawn_scale(bundle, state, camera) < _LIKE_ITSELF)
+
+
+def drawn_scale(bundle: Bundle, state: BundleState, camera: int) -> float:
+    """Return the scale at which a lens draws the corners, times the focal length in pixels a radian; the median.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        The measurements.
+    state : BundleState
+        Where.
+    camera : int
+        Which camera.
+
+    Returns
+    -------
+    float
+        √|det ∂x_d/∂x| (1 + r²)^¾: an angle's square is drawn on the normalised plane (1 + r²)^(3/2) times as large, so
+        that turning the camera, and its principal point with it, changes nothing. NaN where the lens has no answer.
+    """
+    X_c = points_in_camera(bundle, state, camera)
+    x = X_c[:, :2] / X_c[:, 2:]
+    J = bundle.models[camera].jacobians_compiled(x, state.intrinsics[camera][5:])[1]
+    of_area = J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] * J[:, 1, 0]
+    return float(np.median(np.sqrt(np.abs(of_area)) * (1 + np.sum(x * x, axis=1)) ** 0.75))
 
 
 def _not_apart(covariance: Float, std: Float, names: Sequence[str]) -> str:

@@ -16,6 +16,7 @@ from stereocal.camera.bundle import Bundle, BundleState, normal_equations, resid
 from stereocal.camera.bundle_compiled import CompiledEngine
 from stereocal.camera.bundle_problem import intrinsics_of, make_bundle
 from stereocal.camera.bundle_solver import NumpyEngine, solve_bundle
+from stereocal.camera.bundle_sums import EquationsFromSums, has_sums
 from stereocal.camera.covariance import bundle_covariance
 from stereocal.camera.distortion import MODELS
 from stereocal.camera.parameters import free_columns, intrinsic_names
@@ -73,6 +74,34 @@ def test_equations_and_steps_of_the_twins_are_equal(model: str, weights: bool, s
         slow.accept()
         np.testing.assert_allclose(fast.state().R_rig, slow.state().R_rig, atol=1e-9)
         np.testing.assert_allclose(fast.state().R_views, slow.state().R_views, atol=1e-9)
+
+
+@pytest.mark.parametrize("model", ["fov", "division", "polynomial_printed", "rational_function"])
+@settings(max_examples=3)
+@given(seed=st.integers(0, 10**6))
+def test_sums_by_a_kernel_are_those_of_the_equations(model: str, seed: int) -> None:
+    """With skew and a tied fx, at a start, at another place, and there with other corners, behind the camera too."""
+    rng, X, lens = np.random.default_rng(seed), board(6, 5), MODELS[model]
+    corners, where = mono_views(camera(), X, 3, seed=seed, noise=0.5)
+    G = free_columns(intrinsic_names(lens), set(lens.fixed_by_default), 1.01)
+    bundle = make_bundle([lens], [[X] * 3], [corners], G)
+    k = lens.start() + rng.normal(0, 0.01, lens.parameter_count) * G[5:].any(axis=1)
+    theta = np.concatenate([intrinsics_of(camera())[:4], [0.7], k])
+    R, t = rotation_matrices(np.array([r for r, _ in where])), np.array([t for _, t in where])
+    state = BundleState([theta], np.eye(3)[None], np.zeros((1, 3)), R, t)
+    there = state.moved(G @ rng.normal(0, 1e-4, G.shape[1]), rng.normal(0, 1e-3, (3, 6)))
+    other = replace(bundle, measured=bundle.measured + rng.normal(0, 1, bundle.measured.shape))
+    assert has_sums(bundle)
+    sums = EquationsFromSums()
+    for part, at in ((bundle, state), (bundle, there), (other, there), (bundle, state)):
+        a, b = sums(part, at), normal_equations(part, at)
+        assert np.isfinite(b.cost)
+        np.testing.assert_allclose(a.cost, b.cost, rtol=1e-11)
+        for name in ("U", "b_shared", "V", "b_views", "W", "residuals"):
+            expected = getattr(b, name)
+            np.testing.assert_allclose(getattr(a, name), expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
+    behind = BundleState(state.intrinsics, state.R_rig, state.t_rig, R, -t)
+    assert sums(bundle, behind).cost == normal_equations(bundle, behind).cost == np.inf
 
 
 @pytest.mark.parametrize("model", ["brown", "fisheye"])

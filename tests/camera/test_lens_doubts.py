@@ -8,6 +8,7 @@ from camera_rigs import SIZE, board, camera, mono_views
 
 import stereocal as sc
 from stereocal.base.rotations import rotation_matrix
+from stereocal.camera import initialisation
 from stereocal.camera.lens_doubts import kink_radius
 from stereocal.camera.propagation import pixel_covariance
 
@@ -60,6 +61,18 @@ def test_coefficients_that_trade_are_named_and_their_pixels_are_honest() -> None
     # pixels of one fit belong together: the mean of χ²₂ of n fits is known to 2/√n at worst
     assert np.mean(inside) == pytest.approx(0.95, abs=0.035)
     assert np.mean(chi2) == pytest.approx(2, abs=0.6)
+
+
+def test_a_lens_that_shows_its_poles_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a kink its poles are not searched for, where a kink would come cheap: F is that from the true camera."""
+    truth, clean = wide_views(25, seed=3)
+    rng = np.random.default_rng(2)
+    corners = [c + rng.normal(0, 0.03, c.shape) for c in clean]
+    monkeypatch.setattr(initialisation, "pole_starts", lambda *options: pytest.fail("poles were searched for"))
+    found = sc.calibrate_camera(X, corners, SIZE, model="rational")
+    warm = sc.calibrate_camera(X, corners, SIZE, model="rational", initial=truth)
+    assert found.rms == pytest.approx(warm.rms, rel=1e-9)
+    assert not any("kink" in warning for warning in found.warnings)
 
 
 @pytest.mark.parametrize(
