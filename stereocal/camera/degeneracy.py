@@ -142,11 +142,13 @@ def _refuse(
 ) -> None:  # fmt: skip
     doubts = [_doubt(bundle, equations, joint, camera) for camera in range(len(names))]
     if _left_open_by_parallel_boards(bundle, state, joint, widths):
-        drawn = drawn_scale(bundle, state, 0)
-        ran_away = np.isfinite(drawn) and not draws_at_its_focal_length(bundle, state, 0)
+        unsure = any(doubt > _UNSURE * theta[1] for doubt, theta in zip(doubts, state.intrinsics, strict=True))
+        # a lens that ran away takes the focal length along; where that is sure, all corners need not be asked
+        ran_away = unsure and not draws_at_its_focal_length(bundle, state, 0)
+        drawn = drawn_scale(bundle, state, 0) if ran_away else 1.0
+        ran_away = ran_away and bool(np.isfinite(drawn))
         _refuse_parallel(bundle, state, equations, joint, widths[0] / (drawn if ran_away else 1.0))
-        unsure = [doubt > _UNSURE * theta[1] for doubt, theta in zip(doubts, state.intrinsics, strict=True)]
-        elsewhere = _at_plausible_focal_length(bundle, state, widths[0]) if any(unsure) and not ran_away else None
+        elsewhere = _at_plausible_focal_length(bundle, state, widths[0]) if unsure and not ran_away else None
         if elsewhere is not None:
             _refuse_parallel(bundle, *elsewhere, joint, widths[0])
     for camera, (doubt, name) in enumerate(zip(doubts, names, strict=True)):

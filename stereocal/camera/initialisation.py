@@ -42,6 +42,7 @@ from stereocal.camera.bundle_solver import BundleSolution, solve_bundle
 from stereocal.camera.camera_starts import Start, closed_form_starts, focal_search, lens_search
 from stereocal.camera.distortion import distortion_model
 from stereocal.camera.distortion_base import DistortionModel
+from stereocal.camera.lens_doubts import MANY_COEFFICIENTS
 from stereocal.camera.lens_starts import (
     SMALLER,
     staged_start,
@@ -67,17 +68,18 @@ _MANY_VIEWS, _FEW_VIEWS = 200, 40
 _START_DAMPING = 1e-6
 # At a bound itself the derivative vanishes, and with it the normal equations.
 _NEXT_TO_BOUND = 1e-6
-# Steps of each start, for lenses with and without columns in the kernels.
+# Steps of each start, and where they are many and slow: of many coefficients without columns in the kernels.
 _TRIAL_STEPS, _COSTLY_TRIAL_STEPS = 200, 60
 # Starts that differ by less, in all numbers, are one.
 _ONE_PLACE = 1e-3
-# Starts that the search for poles gives, and how often it is made.
+# Starts that the search for poles gives, and how often it is made; steps that each of them gets, and how many go on.
 _POLE_STARTS, _POLE_ROUNDS = 16, 3
+_FIRST_STEPS, _GO_ON = 40, 4
 
 
 def solve_from_starts(
     bundle: Bundle, lens: DistortionModel, held: set[str], image_size: tuple[int, int], *,
-    aspect_ratio: float | None, max_iterations: int, backend: str,
+    aspect_ratio: float | None, max_iterations: int, backend: str, seek_poles: bool = True,
 ) -> BundleSolution:  # fmt: skip
     """Solve from one start after another until an optimum is beyond doubt; return the lowest.
 
@@ -97,6 +99,8 @@ def solve_from_starts(
         Limit on steps of each attempt.
     backend : {"numba", "numpy"}
         See ``bundle_solver``.
+    seek_poles : bool
+        Whether poles are searched for where they are adrift; a start for a larger model does without.
 
     Returns
     -------
@@ -114,7 +118,8 @@ def solve_from_starts(
     best: BundleSolution | None = None
     from_few = _state_from_few(boards, lens, held, image_size, aspect_ratio, backend)
     states = _distinct(_starting_states(boards, lens, held, image_size, aspect_ratio, backend))
-    steps = min(max_iterations, _TRIAL_STEPS if has_kernel(bundle) else _COSTLY_TRIAL_STEPS)
+    costly = lens.parameter_count >= MANY_COEFFICIENTS and not has_kernel(bundle)
+    steps = min(max_iterations, _COSTLY_TRIAL_STEPS if costly else _TRIAL_STEPS)
     for state in states if from_few is None else chain([from_few], states):
         solution = solve_bundle(
             bundle, state, max_iterations=steps, backend=backend, initial_damping=_START_DAMPING
@@ -125,7 +130,7 @@ def solve_from_starts(
             if not has_outlying_view(bundle, best):
                 return best
             break
-    if best is None and _has_poles_adrift(bundle, tried, lens, image_size):
+    if best is None and seek_poles and _has_poles_adrift(bundle, tried, lens, image_size):
         smooth = _without_poles(boards, lens, held, image_size, aspect_ratio, backend)
         if smooth is not None:
             tried += _with_poles_sought(bundle, smooth, image_size, steps, backend)
@@ -224,7 +229,7 @@ def _starting_states(
 
         def solve(part: Bundle, smaller: DistortionModel, held: set[str]) -> BundleSolution:
             return solve_from_starts(part, smaller, held, image_size, aspect_ratio=aspect_ratio,
-                                     max_iterations=_TRIAL_STEPS, backend=backend)  # fmt: skip
+                                     max_iterations=_TRIAL_STEPS, backend=backend, seek_poles=False)  # fmt: skip
 
         from_smaller = start_from_smaller(bundle, lens, held, aspect_ratio, solve)
         if from_smaller is not None:
@@ -278,7 +283,15 @@ def _with_poles_sought(
     lowest = np.inf
     for _ in range(_POLE_ROUNDS):
         starts = pole_starts(bundle, state, _POLE_STARTS)
-        found += [solve_bundle(bundle, start, max_iterations=steps, backend=backend) for start in starts]
+        begun = [
+            solve_bundle(bundle, start, max_iterations=min(steps, _FIRST_STEPS), backend=backend) for start in starts
+        ]
+        begun.sort(key=lambda solution: solution.cost)
+        for i, solution in enumerate(begun[:_GO_ON]):
+            if solution.reason == "iterations" and steps > _FIRST_STEPS:
+                further = solve_bundle(bundle, solution.state, max_iterations=steps - _FIRST_STEPS, backend=backend)
+                begun[i] = replace(further, iterations=_FIRST_STEPS + further.iterations)
+        found += begun
         optima = [solution for solution in found if is_optimum(bundle, solution, image_size)]
         best = min(optima, key=lambda solution: solution.cost, default=None)
         if best is None or best.cost >= lowest:
