@@ -210,9 +210,11 @@ def _refuse_open_focal_length(
 
 
 def _refuse_at_the_edge(bundle: Bundle, state: BundleState, camera: int, of_camera: str) -> None:
-    s, model = squared_radii(bundle, state, camera), bundle.models[camera]
-    centre_is_free = bool(bundle.G[bundle.intrinsic_slices[camera]][2:4].any())
-    if not (s.max() > _EDGE**2 and centre_is_free and model.parameter_count >= MANY_COEFFICIENTS):
+    model = bundle.models[camera]
+    if model.parameter_count < MANY_COEFFICIENTS or not bundle.G[bundle.intrinsic_slices[camera]][2:4].any():
+        return
+    s = squared_radii(bundle, state, camera)
+    if not s.max() > _EDGE**2:
         return
     at = bundle.rows_of_camera(camera)[0].start + int(np.argmax(s))
     view = bundle.view_of_block[np.searchsorted(bundle.offsets, at, side="right") - 1]
