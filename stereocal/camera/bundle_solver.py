@@ -292,7 +292,8 @@ def damped_step(equations: NormalEquations, mu: float, D2_shared: Float, D2_view
         V_inv_b = (damped.V_inverse @ equations.b_views[:, :, None])[:, :, 0]
         rhs = -(equations.b_shared - np.einsum("vfi,vi->f", equations.W, V_inv_b))
         scale = 1 / np.sqrt(np.maximum(np.diag(S), 1e-300))
-        dz = scale * np.linalg.solve(S * scale[:, None] * scale, scale * rhs) if len(rhs) else rhs
+        with np.errstate(over="ignore", invalid="ignore"):  # coefficients that run away: such a step is none
+            dz = scale * np.linalg.solve(S * scale[:, None] * scale, scale * rhs) if len(rhs) else rhs
     except np.linalg.LinAlgError:
         return None
     dv = -(V_inv_b + V_inv_Wt @ dz)
