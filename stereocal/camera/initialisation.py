@@ -65,7 +65,8 @@ _AWAY = 0.2
 # From this number of views on, a part of them, about so many, gives the camera to begin with.
 _MANY_VIEWS, _FEW_VIEWS = 200, 40
 # The starts are good: hardly damped, the first step wins more. Where one is not, the damping grows within a few trials.
-_START_DAMPING = 1e-6
+# But a lens of many coefficients, which trade with each other, would be sent far along their valley at once.
+_START_DAMPING, _WARY_DAMPING = 1e-6, 1e-3
 # At a bound itself the derivative vanishes, and with it the normal equations.
 _NEXT_TO_BOUND = 1e-6
 # Steps of each start, and where they are many and slow: of many coefficients without columns in the kernels.
@@ -118,11 +119,12 @@ def solve_from_starts(
     best: BundleSolution | None = None
     from_few = _state_from_few(boards, lens, held, image_size, aspect_ratio, backend)
     states = _distinct(_starting_states(boards, lens, held, image_size, aspect_ratio, backend))
-    costly = lens.parameter_count >= MANY_COEFFICIENTS and not has_kernel(bundle)
-    steps = min(max_iterations, _COSTLY_TRIAL_STEPS if costly else _TRIAL_STEPS)
+    many = lens.parameter_count >= MANY_COEFFICIENTS
+    steps = min(max_iterations, _COSTLY_TRIAL_STEPS if many and not has_kernel(bundle) else _TRIAL_STEPS)
     for state in states if from_few is None else chain([from_few], states):
         solution = solve_bundle(
-            bundle, state, max_iterations=steps, backend=backend, initial_damping=_START_DAMPING
+            bundle, state, max_iterations=steps, backend=backend,
+            initial_damping=_WARY_DAMPING if many and state is not from_few else _START_DAMPING,
         )  # fmt: skip
         tried.append(_held_where_stuck(bundle, solution, lens, max_iterations, backend))
         if beyond_doubt(bundle, tried[-1], image_size):
