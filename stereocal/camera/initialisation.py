@@ -51,7 +51,7 @@ from stereocal.camera.lens_starts import (
     state_of,
     with_lens,
 )
-from stereocal.camera.optima import beyond_doubt, has_kink, has_outlying_view, is_optimum, polished
+from stereocal.camera.optima import best_of, beyond_doubt, has_kink, has_outlying_view, is_optimum, polished
 from stereocal.camera.parameters import free_columns, intrinsic_names
 from stereocal.camera.pole_search import RADIAL, pole_starts
 from stereocal.camera.pose_reversal import solve_with_reversals
@@ -139,7 +139,8 @@ def solve_from_starts(
     if best is None:
         best = polished(bundle, tried, image_size, max_iterations, backend)
     if best is not None and np.isfinite(best.cost):
-        best = solve_with_reversals(bundle, best, backend, rounds=_REVERSALS, steps=max_iterations)
+        turned = solve_with_reversals(bundle, best, backend, rounds=_REVERSALS, steps=max_iterations)
+        best = best_of(bundle, [turned, best], image_size)
     if best is None or not np.isfinite(best.cost):
         raise ConvergenceError(
             "no start leads to a camera: check that corners and board points are in the same order, and the number of "

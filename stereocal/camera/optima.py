@@ -182,7 +182,27 @@ def polished(
         done.append(_arrived(bundle, solution, limit, image_size, max_iterations, backend))
         limit = min(limit, done[-1].cost if done[-1].converged else np.inf)
     done += tried[:1]
-    return min(done, key=lambda s: (rational and not is_optimum(bundle, s, image_size), s.cost), default=None)
+    return best_of(bundle, done, image_size)
+
+
+def best_of(bundle: Bundle, solutions: list[BundleSolution], image_size: tuple[int, int]) -> BundleSolution | None:
+    """Return the solution of the lowest F, of a rational lens the lowest optimum if there is one; None of none.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        Of one camera.
+    solutions : list of BundleSolution
+        Of it.
+    image_size : (int, int)
+        Width and height.
+
+    Returns
+    -------
+    BundleSolution or None
+    """
+    rational = "k6" in bundle.models[0].parameter_names
+    return min(solutions, key=lambda s: (rational and not is_optimum(bundle, s, image_size), s.cost), default=None)
 
 
 def _is_plausible(solution: BundleSolution, image_size: tuple[int, int]) -> bool:
