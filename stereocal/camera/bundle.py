@@ -226,7 +226,7 @@ def residuals(bundle: Bundle, state: BundleState) -> Float:
     out = np.empty_like(bundle.measured)
     for c in range(len(bundle.models)):
         rows, _ = bundle.rows_of_camera(c)
-        _, _, X_c = _points_in_camera(bundle, state, c)
+        _, _, X_c = points_in_camera(bundle, state, c)
         with np.errstate(all="ignore"):
             x = np.where(X_c[:, 2:] > 0, X_c[:, :2] / X_c[:, 2:], np.nan)
         theta = state.intrinsics[c]
@@ -306,7 +306,7 @@ def normal_equations(bundle: Bundle, state: BundleState) -> NormalEquations:
 def camera_jacobian(bundle: Bundle, state: BundleState, camera: int) -> tuple[Float, Float, Float]:
     """Return p̃ − y (m, 2), ∂p̃/∂z (m, 2, n_free) and ∂p̃/∂(ω_v, t_v) (m, 2, 6) of one camera's measurements."""
     rows, _ = bundle.rows_of_camera(camera)
-    Y, X_0, X_c = _points_in_camera(bundle, state, camera)
+    Y, X_0, X_c = points_in_camera(bundle, state, camera)
     theta, R_c = state.intrinsics[camera], state.R_rig[camera]
     with np.errstate(all="ignore"):
         x = np.where(X_c[:, 2:] > 0, X_c[:, :2] / X_c[:, 2:], np.nan)
@@ -339,8 +339,8 @@ def _view_of_row(bundle: Bundle, camera: int) -> np.ndarray:
     return np.repeat(bundle.view_of_block[blocks], np.diff(bundle.offsets)[blocks])
 
 
-def _points_in_camera(bundle: Bundle, state: BundleState, camera: int) -> tuple[Float, Float, Float]:
-    """Y = R_v X, X_0 = Y + t_v and X_c = R_c X_0 + t_c of one camera's measurements."""
+def points_in_camera(bundle: Bundle, state: BundleState, camera: int) -> tuple[Float, Float, Float]:
+    """Return Y = R_v X, X_0 = Y + t_v and X_c = R_c X_0 + t_c of one camera's measurements, (m, 3) each."""
     rows, _ = bundle.rows_of_camera(camera)
     view = _view_of_row(bundle, camera)
     X = bundle.points[rows]

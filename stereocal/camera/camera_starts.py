@@ -12,7 +12,7 @@ are projected by an ideal lens, and the candidate with the least distance to the
 
 The second is right for good views of an ideal lens. But what a real lens bends, it takes for perspective and puts the
 principal point elsewhere, often by a tenth of the image; few cameras are as far off the middle as that, and from there
-the iteration needs fewer steps (6 instead of 11 on views of a webcam's lens). Noise, small tilts and strong distortion
+the iteration needs fewer steps. Noise, small tilts and strong distortion
 can throw off both (B is not positive definite, or the principal point lands outside of the image) and the others stand
 in: a fixed focal length cannot fail. The third needs no iteration, but an ideal lens is no good judge of what a strong
 one has drawn, nor does it tell a tilt from its mirror image; the fourth is and does, at the price of a fit for each

@@ -30,7 +30,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from stereocal.base.checks import Float
-from stereocal.camera.bundle import Bundle, BundleState
+from stereocal.camera.bundle import Bundle, BundleState, points_in_camera
 from stereocal.camera.parameters import intrinsic_names
 
 # Models of fewer coefficients have neither denominators nor valleys worth the time.
@@ -124,17 +124,9 @@ def kink_radius(k: Float, s_max: float) -> float | None:
     return float(np.sqrt(nearest[i])) if distance[i] < _NEAR_POLE * s_max else None
 
 
-def points_in_camera(bundle: Bundle, state: BundleState, camera: int) -> Float:
-    """Return a camera's corners in its own coordinates, (m, 3)."""
-    rows, blocks = bundle.rows_of_camera(camera)
-    view = np.repeat(bundle.view_of_block[blocks], np.diff(bundle.offsets)[blocks])
-    X_0 = np.einsum("nij,nj->ni", state.R_views[view], bundle.points[rows]) + state.t_views[view]
-    return np.asarray(X_0 @ state.R_rig[camera].T + state.t_rig[camera])
-
-
 def squared_radii(bundle: Bundle, state: BundleState, camera: int) -> Float:
     """Return r² of a camera's corners on the normalised plane, (m,)."""
-    X_c = points_in_camera(bundle, state, camera)
+    X_c = points_in_camera(bundle, state, camera)[2]
     return np.asarray((X_c[:, 0] ** 2 + X_c[:, 1] ** 2) / X_c[:, 2] ** 2)
 
 
@@ -178,7 +170,7 @@ def drawn_scale(bundle: Bundle, state: BundleState, camera: int) -> float:
         √|det ∂x_d/∂x| (1 + r²)^¾: an angle's square is drawn on the normalised plane (1 + r²)^(3/2) times as large, so
         that turning the camera, and its principal point with it, changes nothing. NaN where the lens has no answer.
     """
-    X_c = points_in_camera(bundle, state, camera)
+    X_c = points_in_camera(bundle, state, camera)[2]
     x = X_c[:, :2] / X_c[:, 2:]
     J = bundle.models[camera].jacobians_compiled(x, state.intrinsics[camera][5:])[1]
     of_area = J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] * J[:, 1, 0]

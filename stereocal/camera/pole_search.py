@@ -39,7 +39,7 @@ import numpy as np
 from numpy.polynomial import polynomial
 
 from stereocal.base.checks import Float
-from stereocal.camera.bundle import Bundle, BundleState, camera_jacobian
+from stereocal.camera.bundle import Bundle, BundleState, camera_jacobian, points_in_camera
 from stereocal.camera.lens_doubts import squared_radii
 from stereocal.camera.losses import loss_and_weight
 from stereocal.camera.parameters import intrinsic_names
@@ -173,9 +173,9 @@ def _normal_equations_of_terms(
 ) -> tuple[Float, Float, Float]:
     """Γ and ρ of φ, φ², φ³ of all inverse poles u, each term scaled to Γ_jj = 1, and what it was divided by."""
     bundle, state = _some_views(bundle, state)
-    theta, view = state.intrinsics[0], np.repeat(bundle.view_of_block, np.diff(bundle.offsets))
+    theta = state.intrinsics[0]
     r, J, J_pose = camera_jacobian(replace(bundle, G=bundle.G[:, ~bundle.G[list(rows)].any(axis=0)]), state, 0)
-    X_c = np.einsum("nij,nj->ni", state.R_views[view], bundle.points) + state.t_views[view]
+    X_c = points_in_camera(bundle, state, 0)[2]
     x = X_c[:, :2] / X_c[:, 2:]
     s = np.sum(x * x, axis=1, keepdims=True)
     below = 1 - s * u
